@@ -126,6 +126,20 @@ def _modes() -> Iterator[Question]:
         (14, FAILED, (init.format("FLIP"),)),
         (15, FAILED, (init.format("AUTOTUNE"),)),
         (18, FAILED, (init.format("THROW"),)),
+        (22, FAILED, (init.format("FLOWHOLD"),)),
+        (23, FAILED, ("Set FOLL_ENABLE = 1", init.format("FOLLOW"))),
+        (25, FAILED, ("No axis selected, SID_AXIS = 0", init.format("SYSTEMID"))),
+        (26, FAILED, ("No such mode 26",)),
+        (
+            27,
+            FAILED,
+            (
+                "Unable to start landing sequence",
+                "Mode change to AUTO RTL failed: No return path or ",
+                "landing sequence found",
+            ),
+        ),
+        (28, FAILED, (init.format("TURTLE"),)),
         (99, FAILED, ("No such mode 99",)),
     ):
         recorded = number in (1, 3, 11, 13, 14, 15, 16, 18, 19, 20, 99)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,19 @@ METRE = 1.0 / 0.011131884502145034
 AUTO = mavlink.COPTER_MODE_AUTO
 
 
-def item(sequence: int, command: int, *values: float, north: float = 0.0, z: float = 0.0, frame: int = 3) -> Any:
-    """MISSION_ITEM_INT at a place north of home; without north no place."""
+def item(
+    sequence: int,
+    command: int,
+    *values: float,
+    north: float = 0.0,
+    east: float = 0.0,
+    z: float = 0.0,
+    frame: int = 3,
+) -> Any:
+    """MISSION_ITEM_INT at a place north and east of home; without north no place."""
     p = [*values, *[0.0] * (4 - len(values))]
-    place = (LAT + round(north * METRE), LON) if north else (0, 0)
+    along = METRE / math.cos(math.radians(1e-7 * LAT))
+    place = (LAT + round(north * METRE), LON + round(east * along)) if north else (0, 0)
     return mavlink.MAVLink_mission_item_int_message(1, 1, sequence, frame, command, 0, 1, *p, *place, z, 0)
 
 

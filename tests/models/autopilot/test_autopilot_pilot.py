@@ -10,24 +10,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, LOITER, RTL, STABILIZE, Copter
+from tests.models.pilot import IGNORE, RELEASE, flown, hold, lean, override, texts
 
 ALT_HOLD, CIRCLE, BRAKE = (mavlink.COPTER_MODE_ALT_HOLD, mavlink.COPTER_MODE_CIRCLE, mavlink.COPTER_MODE_BRAKE)
-IGNORE, RELEASE = 65535, 65534
-
-
-def override(copter: Copter, *pulses: int, more: tuple[int, ...] = ()) -> None:
-    """RC_CHANNELS_OVERRIDE; channels that are not given are ignored."""
-    first = [*pulses, *[IGNORE] * (8 - len(pulses))]
-    copter.send(mavlink.MAVLink_rc_channels_override_message(1, 1, *first, *more))
-
-
-def hold(copter: Copter, duration: float, *pulses: int) -> np.ndarray[Any, Any]:
-    """Fly on with the sticks held: the override is sent anew each half second."""
-    parts = []
-    for _ in range(round(duration / 0.5)):
-        override(copter, *pulses)
-        parts.append(copter.run(0.5))
-    return np.concatenate(parts)
 
 
 def channels(copter: Copter) -> Any:
@@ -40,25 +25,6 @@ def channels(copter: Copter) -> Any:
 
 def pulses(message: Any, count: int = 8) -> list[int]:
     return [getattr(message, f"chan{i}_raw") for i in range(1, count + 1)]
-
-
-def texts(copter: Copter) -> list[tuple[int, str]]:
-    return [(m.severity, m.text) for m in copter.messages("STATUSTEXT")]
-
-
-def lean(copter: Copter) -> tuple[float, float]:
-    """Roll and pitch [deg]."""
-    w, x, y, z = copter.v["attitude"]
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    return math.degrees(roll), math.degrees(math.asin(2 * (w * y - z * x)))
-
-
-def flown(mode: int, **autopilot: Any) -> Copter:
-    """In `mode` at 5 m, sticks centred by an override."""
-    copter = Copter(autopilot=autopilot).in_the_air(5.0, 10.0)
-    override(copter, 1500, 1500, 1500, 1500)
-    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode) == [("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
-    return copter
 
 
 # ---- channels ------------------------------------------------------------------------------------------------------
@@ -310,11 +276,16 @@ def test_open_throttle_does_not_switch_to_stabilize_on_the_ground() -> None:
     copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
     override(copter, 1500, 1500, 1700, 1500)
     copter.run(0.1)
-    refused = [
-        ("ACK", mavlink.MAV_CMD_DO_SET_MODE, FAILED),
-        ("TEXT", 4, "Mode change to STABILIZE failed: throttle too high"),
-    ]
-    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, STABILIZE) == refused
+    for mode, name in ((mavlink.COPTER_MODE_DRIFT, "DRIFT"), (STABILIZE, "STABILIZE")):  # disarmed: not checked
+        assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)[0][2] == ACCEPTED
+        copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+        copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        refused = [
+            ("ACK", mavlink.MAV_CMD_DO_SET_MODE, FAILED),
+            ("TEXT", 4, f"Mode change to {name} failed: throttle too high"),
+        ]
+        assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode) == refused
+        copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
 
 
 def test_the_yaw_stick_arms_and_disarms() -> None:

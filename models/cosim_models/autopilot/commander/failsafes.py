@@ -16,6 +16,7 @@ from cosim.kernel import kernel
 from cosim_models.autopilot.commander.battery import CRITICAL_CHARGE, drain, new_alarm
 from cosim_models.autopilot.commander.switches import watch_switches
 from cosim_models.autopilot.flight.modes import set_mode
+from cosim_models.autopilot.flight.returning.breadcrumbs import forget_path, record_path
 from cosim_models.autopilot.flight.state import disarm, landed_state, position_ready
 from cosim_models.autopilot.flight.sticks import NO_PULSES, channel, hands_on, throttle_zero
 from cosim_models.autopilot.link.statustext import (
@@ -44,7 +45,23 @@ from cosim_models.autopilot.link.statustext import (
     say,
 )
 from cosim_models.autopilot.mission.fences import CIRCLE, HIGHEST, LOWEST, POLYGON, within_polygons
-from cosim_models.autopilot.record.modes import ALT_HOLD, AUTO, BRAKE, GUIDED, LAND, LANDING, LOITER, RTL, STABILIZE
+from cosim_models.autopilot.record.modes import (
+    ACRO,
+    ALT_HOLD,
+    AUTO,
+    BRAKE,
+    DRIFT,
+    FLIP,
+    GUIDED,
+    LAND,
+    LANDING,
+    LOITER,
+    POSHOLD,
+    RTL,
+    SMART_RTL,
+    STABILIZE,
+    THROW,
+)
 
 __all__ = ["hear_station", "watch"]
 
@@ -73,6 +90,18 @@ def _change(m: Any, mode: int, t: float) -> None:
 
 
 @kernel
+def _flown_by_hand(mode: int) -> bool:
+    """Returns whether a mode is none of an autopilot, in ArduCopter's sense."""
+    return mode in (STABILIZE, ACRO, ALT_HOLD, LOITER, DRIFT, FLIP, POSHOLD, BRAKE, THROW)
+
+
+@kernel
+def _has_no_throttle(m: Any, t: float) -> bool:
+    """Returns whether the vehicle is on the ground or flown with closed throttle."""
+    return bool(m.on_ground or ((m.mode == STABILIZE or m.mode == ACRO) and throttle_zero(m, t)))
+
+
+@kernel
 def _watch_station(m: Any, t: float) -> None:
     lost = m.FS_GCS_ENABLE > 0 and m.station_known and t - m.station_heard > m.FS_GCS_TIMEOUT
     if lost == m.station_lost:
@@ -93,7 +122,7 @@ def _watch_station(m: Any, t: float) -> None:
     if m.mode == AUTO and (m.FS_OPTIONS & _AUTO_GOES_ON_ALONE) != 0:
         say(m, WARNING, GCS_AUTO, NO_NUMBER)
         return
-    if m.mode in (STABILIZE, ALT_HOLD, LOITER) and (m.FS_OPTIONS & _PILOT_GOES_ON_ALONE) != 0:
+    if _flown_by_hand(m.mode) and (m.FS_OPTIONS & _PILOT_GOES_ON_ALONE) != 0:
         say(m, WARNING, GCS_PILOT, NO_NUMBER)
         return
     say(m, WARNING, GCS_LOST, NO_NUMBER)
@@ -120,7 +149,7 @@ def _watch_battery(m: Any, t: float) -> None:
     if alarm == 0:
         return
     action = m.BATT_FS_CRT_ACT if alarm == CRITICAL_CHARGE else m.BATT_FS_LOW_ACT
-    if m.on_ground or (m.mode == STABILIZE and throttle_zero(m, t)):
+    if _has_no_throttle(m, t):
         say(m, WARNING, BATTERY_DISARMING, NO_NUMBER)
         disarm(m)
     elif action != 0 and (m.FS_OPTIONS & _LANDING_GOES_ON) != 0 and _is_landing(m):
@@ -154,7 +183,7 @@ def _watch_radio(m: Any, t: float) -> None:
     m.radio_lost = lost
     if not lost:
         say(m, WARNING, RADIO_CLEARED, NO_NUMBER)
-    elif m.on_ground or (m.mode == STABILIZE and throttle_zero(m, t)):
+    elif _has_no_throttle(m, t):
         say(m, WARNING, RADIO_DISARMING, NO_NUMBER)
         disarm(m)
     elif (m.FS_OPTIONS & _LANDING_GOES_ON) != 0 and _is_landing(m):
@@ -238,6 +267,10 @@ def watch(m: Any, t: float) -> None:
         return
     m.next_watch = t + _PERIOD
     _count_flights(m, t)
+    if not m.crumbs_begun and position_ready(m, t):
+        forget_path(m, t, True)
+    elif m.crumbs_on and m.armed and m.mode != SMART_RTL:
+        record_path(m, position_ready(m, t), t)
     _watch_battery(m, t)
     _watch_station(m, t)
     _watch_radio(m, t)

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_CONDITION_YAW,
@@ -20,11 +22,13 @@ from cosim.messages import (
     MAV_RESULT_UNSUPPORTED,
 )
 from cosim_models.autopilot.commander.readiness import attitude_ready, prearm_ready
-from cosim_models.autopilot.flight.modes import set_mode
+from cosim_models.autopilot.flight.modes import can_begin, set_mode
+from cosim_models.autopilot.flight.plans.order import landing_sequence
 from cosim_models.autopilot.flight.state import arm, disarm, needs_position, position_ready
-from cosim_models.autopilot.flight.sticks import pilot_climb_rate, pilot_throttle, throttle_open
+from cosim_models.autopilot.flight.sticks import by_throttle, pilot_climb_rate, stick_throttle, throttle_open
 from cosim_models.autopilot.link.statustext import (
     ACCELS_INCONSISTENT,
+    ACRO_TOO_HIGH,
     AHRS_TYPE,
     ARM_BATTERY_FAILSAFE,
     ARM_CHARGE,
@@ -38,6 +42,9 @@ from cosim_models.autopilot.link.statustext import (
     ATTITUDE_BAD,
     AUTO_NOT_ARMABLE,
     AUTO_REFUSED,
+    AUTO_RTL_END,
+    AUTO_RTL_NOT_ARMABLE,
+    AUTO_RTL_START,
     AUTOTUNE_REFUSED,
     AVOID_NOT_ARMABLE,
     AVOID_REFUSED,
@@ -47,15 +54,23 @@ from cosim_models.autopilot.link.statustext import (
     CIRCLE_NOT_ARMABLE,
     CIRCLE_REFUSED,
     CRITICAL,
+    DRIFT_REFUSED,
+    DRIFT_TOO_HIGH,
+    FLIP_NOT_ARMABLE,
     FLIP_REFUSED,
+    FLOWHOLD_REFUSED,
+    FOLLOW_DISABLED,
+    FOLLOW_REFUSED,
     GUIDED_NOT_ARMABLE,
     GUIDED_REFUSED,
     INFO,
     LAND_NOT_ARMABLE,
+    LAND_SEQUENCE_NONE,
     LOITER_REFUSED,
     MISSING_TAKEOFF,
     NO_NUMBER,
     NO_SUCH_MODE,
+    POSHOLD_REFUSED,
     PREARM_ACCELS,
     PREARM_AHRS_TYPE,
     PREARM_ATTITUDE,
@@ -69,30 +84,47 @@ from cosim_models.autopilot.link.statustext import (
     PREARM_VOLTAGE,
     RTL_NOT_ARMABLE,
     RTL_REFUSED,
+    SMART_RTL_NO_POSITION,
+    SMART_RTL_NOT_ARMABLE,
+    SMART_RTL_REFUSED,
     STABILIZE_REFUSED,
+    SYSTEMID_NO_AXIS,
+    SYSTEMID_REFUSED,
     THROW_REFUSED,
+    TURTLE_REFUSED,
     WAITING_FOR_HOME,
     WARNING,
+    ZIGZAG_REFUSED,
     say,
 )
 from cosim_models.autopilot.mission.fences import CIRCLE as FENCE_CIRCLE
 from cosim_models.autopilot.mission.fences import POLYGON, within_polygons
 from cosim_models.autopilot.mission.missions import COMMAND, mission_count
 from cosim_models.autopilot.record.modes import (
-    ALT_HOLD,
+    ACRO,
     AUTO,
+    AUTO_RTL,
     AUTOTUNE,
     AVOID_ADSB,
     BRAKE,
     CIRCLE,
+    DRIFT,
     FLIP,
+    FLOWHOLD,
+    FOLLOW,
     GUIDED,
     GUIDED_NOGPS,
     LAND,
     LOITER,
+    POSHOLD,
     RTL,
+    SMART_RTL,
     STABILIZE,
+    SYSTEMID,
     THROW,
+    TURTLE,
+    ZIGZAG,
+    Mode,
 )
 
 __all__ = [
@@ -100,6 +132,8 @@ __all__ = [
     "arm_or_disarm",
     "change_mode",
     "check_arming",
+    "request_mode",
+    "start_landing_sequence",
     "start_mission",
 ]
 
@@ -109,9 +143,66 @@ _ARM_BY_STICK = 1  # GUID_OPTIONS
 _FORCE_ARM, _FORCE = 2989.0, 21196.0
 
 
+_MODES = np.array([int(mode) for mode in Mode], dtype=np.int64)
+# Modes, and the texts on refusal: without a position, and when their conditions are not met; 0: they always are.
+_REFUSALS = np.array(
+    (
+        (GUIDED, GUIDED_REFUSED, 0),
+        (LOITER, LOITER_REFUSED, 0),
+        (RTL, RTL_REFUSED, 0),
+        (AUTO, AUTO_REFUSED, 0),
+        (CIRCLE, CIRCLE_REFUSED, 0),
+        (BRAKE, BRAKE_REFUSED, 0),
+        (AVOID_ADSB, AVOID_REFUSED, 0),
+        (DRIFT, DRIFT_REFUSED, 0),
+        (POSHOLD, POSHOLD_REFUSED, 0),
+        (ZIGZAG, ZIGZAG_REFUSED, 0),
+        (SMART_RTL, SMART_RTL_NO_POSITION, SMART_RTL_REFUSED),
+        (FLIP, FLIP_REFUSED, FLIP_REFUSED),
+        (THROW, THROW_REFUSED, THROW_REFUSED),
+        (AUTOTUNE, AUTOTUNE_REFUSED, AUTOTUNE_REFUSED),
+        (FLOWHOLD, FLOWHOLD_REFUSED, FLOWHOLD_REFUSED),
+        (FOLLOW, FOLLOW_REFUSED, FOLLOW_REFUSED),
+        (SYSTEMID, SYSTEMID_REFUSED, SYSTEMID_REFUSED),
+        (TURTLE, TURTLE_REFUSED, TURTLE_REFUSED),
+    ),
+    dtype=np.int64,
+)
+_NOT_ARMABLE = np.array(
+    (
+        (LAND, LAND_NOT_ARMABLE),
+        (RTL, RTL_NOT_ARMABLE),
+        (BRAKE, BRAKE_NOT_ARMABLE),
+        (CIRCLE, CIRCLE_NOT_ARMABLE),
+        (AVOID_ADSB, AVOID_NOT_ARMABLE),
+        (FLIP, FLIP_NOT_ARMABLE),
+        (SMART_RTL, SMART_RTL_NOT_ARMABLE),
+    ),
+    dtype=np.int64,
+)
+
+
 @kernel
 def _is_mode(mode: int) -> bool:
-    return mode in (STABILIZE, ALT_HOLD, BRAKE, CIRCLE, AUTO, GUIDED, LOITER, RTL, LAND, AVOID_ADSB, GUIDED_NOGPS)
+    found = False
+    for known in _MODES:
+        found = found or known == mode
+    return found
+
+
+@kernel
+def _refuse_mode(m: Any, mode: int, met: bool) -> int:
+    """Reports why a mode cannot be entered: without a position, or because its conditions are not `met`."""
+    if mode == FOLLOW:
+        say(m, WARNING, FOLLOW_DISABLED, NO_NUMBER)
+    elif mode == SYSTEMID:
+        say(m, WARNING, SYSTEMID_NO_AXIS, NO_NUMBER)
+    for i in range(_REFUSALS.shape[0]):
+        if _REFUSALS[i, 0] == mode:
+            say(m, WARNING, int(_REFUSALS[i, 1] if met else _REFUSALS[i, 2]), NO_NUMBER)
+    if mode == AVOID_ADSB:
+        say(m, WARNING, AVOID_REFUSED_END, NO_NUMBER)
+    return MAV_RESULT_FAILED
 
 
 @kernel
@@ -148,41 +239,77 @@ def start_mission(m: Any, t: float) -> int:
 
 
 @kernel
+def _throttle_is_high(m: Any, mode: int, t: float) -> bool:
+    """Returns whether a change to a mode flown by throttle would make the vehicle leap off the ground; reports it."""
+    if not (m.armed and m.on_ground and by_throttle(mode)) or m.mode == STABILIZE or m.mode == ACRO:
+        return False
+    middle = m.ACRO_THR_MID if mode == ACRO and m.ACRO_THR_MID > 0.0 else m.throttle_hover
+    if stick_throttle(m, middle, t) <= 0.5 * m.throttle_hover:
+        return False
+    say(
+        m,
+        WARNING,
+        ACRO_TOO_HIGH if mode == ACRO else DRIFT_TOO_HIGH if mode == DRIFT else STABILIZE_REFUSED,
+        NO_NUMBER,
+    )
+    return True
+
+
+@kernel
+def start_landing_sequence(m: Any, t: float) -> bool:
+    """Changes to AUTO at the mission's landing sequence, as AUTO_RTL; returns False without one, and reports it."""
+    row = landing_sequence(m)
+    if row == 0:
+        say(m, WARNING, LAND_SEQUENCE_NONE, NO_NUMBER)
+        return False
+    if m.mode != AUTO and change_mode(m, AUTO, t) != MAV_RESULT_ACCEPTED:
+        return False
+    m.mission_current = row
+    m.mission_complete = False
+    m.mission_changed = True
+    m.auto_rtl = True
+    return True
+
+
+@kernel
+def _change_to_auto_rtl(m: Any, t: float) -> int:
+    if start_landing_sequence(m, t):
+        return MAV_RESULT_ACCEPTED
+    say(m, WARNING, AUTO_RTL_START, NO_NUMBER)
+    say(m, WARNING, AUTO_RTL_END, NO_NUMBER)
+    return MAV_RESULT_FAILED
+
+
+@kernel
 def change_mode(m: Any, mode: int, t: float) -> int:
     """Changes to a mode given by ArduCopter's number; returns a MAV_RESULT."""
-    if mode in (FLIP, AUTOTUNE, THROW):
-        say(
-            m,
-            WARNING,
-            FLIP_REFUSED if mode == FLIP else THROW_REFUSED if mode == THROW else AUTOTUNE_REFUSED,
-            NO_NUMBER,
-        )
-        return MAV_RESULT_FAILED
+    if mode == m.mode and not (mode == AUTO and m.auto_rtl):
+        return MAV_RESULT_ACCEPTED
+    if mode in (AUTOTUNE, FLOWHOLD, FOLLOW, SYSTEMID, TURTLE):
+        return _refuse_mode(m, mode, False)
     if not _is_mode(mode):
         say(m, WARNING, NO_SUCH_MODE, mode)
         return MAV_RESULT_FAILED
-    if mode == AUTO and m.mode != AUTO and not _mission_can_begin(m):
+    if mode == AUTO:
+        m.auto_rtl = False
+        if m.mode != AUTO and not _mission_can_begin(m):
+            return MAV_RESULT_FAILED
+    if _throttle_is_high(m, mode, t):
         return MAV_RESULT_FAILED
-    if mode == STABILIZE and m.mode != STABILIZE and m.on_ground and pilot_throttle(m, t) > 0.5 * m.throttle_hover:
-        say(m, WARNING, STABILIZE_REFUSED, NO_NUMBER)
-        return MAV_RESULT_FAILED
-    if not set_mode(m, mode, t):
-        text = GUIDED_REFUSED if mode == GUIDED else LOITER_REFUSED if mode == LOITER else RTL_REFUSED
-        if mode == AUTO:
-            text = AUTO_REFUSED
-        elif mode == CIRCLE:
-            text = CIRCLE_REFUSED
-        elif mode == BRAKE:
-            text = BRAKE_REFUSED
-        elif mode == AVOID_ADSB:
-            text = AVOID_REFUSED
-        say(m, WARNING, text, NO_NUMBER)
-        if text == AVOID_REFUSED:
-            say(m, WARNING, AVOID_REFUSED_END, NO_NUMBER)
-        return MAV_RESULT_FAILED
+    if m.armed and needs_position(mode) and not position_ready(m, t):
+        return _refuse_mode(m, mode, True)
+    if not can_begin(m, mode, t):
+        return _refuse_mode(m, mode, False)
+    set_mode(m, mode, t)
     if not m.armed and needs_position(mode) and not position_ready(m, t):
         say(m, CRITICAL, PREARM_NEEDS_POSITION, NO_NUMBER)
     return MAV_RESULT_ACCEPTED
+
+
+@kernel
+def request_mode(m: Any, mode: int, t: float) -> int:
+    """Like `change_mode`, and AUTO_RTL as well."""
+    return _change_to_auto_rtl(m, t) if mode == AUTO_RTL else change_mode(m, mode, t)
 
 
 @kernel
@@ -231,16 +358,11 @@ def check_arming(m: Any, before: bool, t: float) -> bool:
 def _is_armable(m: Any, by_stick: bool, t: float) -> bool:
     """Returns whether mode and throttle permit arming; reports if not."""
     text = 0
-    if m.mode == LAND:
-        text = LAND_NOT_ARMABLE
-    elif m.mode == RTL:
-        text = RTL_NOT_ARMABLE
-    elif m.mode == BRAKE:
-        text = BRAKE_NOT_ARMABLE
-    elif m.mode == CIRCLE:
-        text = CIRCLE_NOT_ARMABLE
-    elif m.mode == AVOID_ADSB:
-        text = AVOID_NOT_ARMABLE
+    for i in range(_NOT_ARMABLE.shape[0]):
+        if _NOT_ARMABLE[i, 0] == m.mode:
+            text = int(_NOT_ARMABLE[i, 1])
+    if m.mode == AUTO and m.auto_rtl:
+        text = AUTO_RTL_NOT_ARMABLE
     elif m.mode == AUTO and (m.AUTO_OPTIONS & _ARM_IN_AUTO) == 0:
         text = AUTO_NOT_ARMABLE
     elif m.mode == GUIDED and by_stick and (m.GUID_OPTIONS & _ARM_BY_STICK) == 0:
@@ -248,8 +370,8 @@ def _is_armable(m: Any, by_stick: bool, t: float) -> bool:
     if text != 0:
         say(m, CRITICAL, text, NO_NUMBER)
         return False
-    by_throttle = m.ARMING_CHECK != 0 and m.mode not in (GUIDED, GUIDED_NOGPS, AUTO)
-    if by_throttle and (pilot_climb_rate(m, t) > 0.0 or (m.mode == STABILIZE and throttle_open(m, t))):
+    checked = m.ARMING_CHECK != 0 and m.mode not in (GUIDED, GUIDED_NOGPS, AUTO)
+    if checked and (pilot_climb_rate(m, t) > 0.0 or (by_throttle(m.mode) and throttle_open(m, t))):
         say(m, CRITICAL, ARM_THROTTLE, NO_NUMBER)
         return False
     return True

@@ -15,10 +15,10 @@ import numpy as np
 from cosim.fields import get_whole
 from cosim.kernel import kernel
 from cosim.model import record_layout
-from cosim_models.autopilot.commander.mode_requests import arm_checked, change_mode
+from cosim_models.autopilot.commander.mode_requests import arm_checked, request_mode
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.sticks import channel, deflection, hands_on, override_active, throttle_open
-from cosim_models.autopilot.record.modes import STABILIZE
+from cosim_models.autopilot.record.modes import ACRO, STABILIZE
 from cosim_models.autopilot.record.variables import VARIABLES
 
 __all__ = ["LAST_POSITION", "watch_switches"]
@@ -52,7 +52,7 @@ def _watch_mode(m: Any, t: float) -> None:
         m.switch_since = t
     elif position != m.switch_position and t - m.switch_since >= _SETTLED - 1e-9:
         m.switch_position = position
-        change_mode(m, get_whole(m, _MODES[position - 1]), t)
+        request_mode(m, get_whole(m, _MODES[position - 1]), t)
 
 
 @kernel
@@ -64,7 +64,7 @@ def _watch_rudder(m: Any, t: float) -> None:
         m.ARMING_RUDDER == 0
         or throttle_open(m, t)
         or not (right or left)
-        or (left and m.mode != STABILIZE and not m.on_ground)
+        or (left and m.mode != STABILIZE and m.mode != ACRO and not m.on_ground)
     ):
         m.rudder_count = 0
     else:

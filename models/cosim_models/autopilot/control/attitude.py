@@ -31,6 +31,8 @@ __all__ = [
     "follow_rates",
     "follow_yaw_rate",
     "forget_torques",
+    "lean_to",
+    "relax_attitude",
     "relax_yaw",
     "run_rates",
     "shape_angle",
@@ -172,6 +174,16 @@ def follow_yaw_rate(m: Any, n: float, e: float, d: float, rate: float, dt: float
         rate = clip(rate, -m.ATC_RATE_Y_MAX * _DEG, m.ATC_RATE_Y_MAX * _DEG)
     m.rate_target[2] += clip(rate - m.rate_target[2], -step, step)
     _follow_target(m, dt)
+
+
+@kernel
+def lean_to(m: Any, roll: float, pitch: float, rate: float, dt: float) -> None:
+    """Performs one step towards Euler angles `roll` and `pitch` [rad] with yaw rate `rate` [rad/s]."""
+    heading = euler_from_quaternion(_target(m))[2]
+    c, s = math.cos(heading), math.sin(heading)
+    forward = -math.sin(pitch) * math.cos(roll)
+    right = math.sin(roll)
+    follow_yaw_rate(m, forward * c - right * s, forward * s + right * c, -math.cos(pitch) * math.cos(roll), rate, dt)
 
 
 @kernel
@@ -318,6 +330,15 @@ def relax_yaw(m: Any) -> None:
     turn = 0.5 * (euler_from_quaternion(body)[2] - euler_from_quaternion(target)[2])
     _set_target(m, multiply((math.cos(turn), 0.0, 0.0, math.sin(turn)), target))
     m.rate_target[2] = 0.0
+
+
+@kernel
+def relax_attitude(m: Any) -> None:
+    """Sets the target to the body's attitude, at rest."""
+    for i in range(4):
+        m.attitude_target[i] = m.q[i]
+    for i in range(3):
+        m.rate_target[i] = 0.0
 
 
 @kernel

@@ -37,6 +37,7 @@ __all__ = [
     "control_up",
     "initialise_ne",
     "initialise_up",
+    "limit_jerks",
     "relax_ne",
     "relax_up",
     "seek_acceleration",
@@ -73,6 +74,12 @@ def set_limits(m: Any, speed: float, up: float, down: float) -> None:
     m.speed_down = down
     m.accel_max = 0.01 * m.WPNAV_ACCEL
     m.accel_up = 0.01 * m.WPNAV_ACCEL_Z
+    limit_jerks(m)
+
+
+@kernel
+def limit_jerks(m: Any) -> None:
+    """Sets the limits of the jerks, given those of the accelerations."""
     # Limit the jerk to the rate at which the attitude controller can turn the thrust.
     turn = math.radians(0.01 * min(m.ATC_ACCEL_R_MAX, m.ATC_ACCEL_P_MAX))
     m.jerk_max = m.PSC_JERK_XY

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from cosim.frames import local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_CONDITION_DELAY,
@@ -30,8 +29,6 @@ from cosim.messages import (
     MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
     MAV_CMD_DO_GRIPPER,
     MAV_CMD_DO_GUIDED_LIMITS,
-    MAV_CMD_DO_JUMP,
-    MAV_CMD_DO_JUMP_TAG,
     MAV_CMD_DO_LAND_START,
     MAV_CMD_DO_MOUNT_CONTROL,
     MAV_CMD_DO_PARACHUTE,
@@ -78,6 +75,7 @@ from cosim_models.autopilot.flight.guided import (
     start_takeoff,
 )
 from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo
+from cosim_models.autopilot.flight.plans.order import in_landing_sequence, is_nowhere, next_command, place
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.yaw import (
     circle_nose,
@@ -100,9 +98,6 @@ from cosim_models.autopilot.link.statustext import (
 )
 from cosim_models.autopilot.mission.missions import (
     COMMAND,
-    DONE,
-    FRAME,
-    LATITUDE,
     P1,
     P2,
     P3,
@@ -158,7 +153,6 @@ _COMMANDS = np.array(
     dtype=np.int64,
 )  # in the order of MISSION_TEXTS
 _AT_REST = 0.1  # m between the shaped path and a waypoint at which the vehicle counts as at rest
-_JUMPS_AT_ONCE = 64
 _AT_CENTRE = 3.0  # m from a circle's centre within which the circle begins at once
 _LOOK_AT_EDGE = 5.0  # m from the circle beyond which the vehicle faces its edge during the approach
 _FINISHED = -1  # m.auto_command when the mission is finished
@@ -189,29 +183,7 @@ def may_pause(m: Any) -> bool:
     return bool(m.armed and not m.on_ground and not m.paused and to_point and not _arrived(m, False))
 
 
-# ---- positions -----------------------------------------------------------------------------------------------------
-
-
-@kernel
-def _place(m: Any, row: int) -> tuple[float, float, float]:
-    """Returns north, east and up of an item; a missing position (0, 0) or height is replaced by the desired one."""
-    r = m.mission[row]
-    p = m.desired_position_neu
-    n, e, u = p[0], p[1], p[2]
-    if r[LATITUDE] != 0.0 or r[LATITUDE + 1] != 0.0:
-        n, e, _ = local_from_geodetic(
-            radians_from_deg_e7(int(r[LATITUDE])),
-            radians_from_deg_e7(int(r[LATITUDE + 1])),
-            0.0,
-            m.origin_latitude,
-            m.origin_longitude,
-            0.0,
-        )
-    if r[FRAME] == 0.0 or r[FRAME] == 5.0:
-        u = r[Z] - m.origin_altitude
-    elif r[Z] != 0.0 or r[COMMAND] == MAV_CMD_NAV_WAYPOINT:
-        u = r[Z] + m.home_neu[2]
-    return n, e, u
+# ---- flight to a point ----------------------------------------------------------------------------------------------
 
 
 @kernel
@@ -247,7 +219,7 @@ def _arrived(m: Any, passing: bool) -> bool:
 def _begin_turns(m: Any, row: int, t: float) -> None:
     """Flies to the edge of the circle, or begins at once near its centre; radii are stored in whole metres."""
     r = m.mission[row]
-    n, e, up = _place(m, row)
+    n, e, up = place(m, row)
     wanted = abs(r[P3])
     radius = math.floor(wanted)
     if wanted > _RADIUS_COARSE:
@@ -324,7 +296,7 @@ def _begin(m: Any, row: int, t: float) -> None:
     if command == MAV_CMD_NAV_TAKEOFF and m.on_ground:
         start_takeoff(m, m.home_neu[2] + m.mission[row, Z])
     elif command == MAV_CMD_NAV_TAKEOFF:
-        _, _, up = _place(m, row)
+        _, _, up = place(m, row)
         _go_to(m, p[0], p[1], up, t)
     elif command == MAV_CMD_NAV_RETURN_TO_LAUNCH:
         start_rtl(m)
@@ -333,7 +305,7 @@ def _begin(m: Any, row: int, t: float) -> None:
     elif command == MAV_CMD_NAV_LOITER_TURNS:
         _begin_turns(m, row, t)
     else:
-        n, e, u = _place(m, row)
+        n, e, u = place(m, row)
         _go_to(m, n, e, p[2] if command == MAV_CMD_NAV_LAND else u, t)
 
 
@@ -365,18 +337,12 @@ def _is_done(m: Any, t: float) -> bool:
 
 
 @kernel
-def _is_nowhere(m: Any, row: int) -> bool:
-    r = m.mission[row]
-    return bool(r[LATITUDE] == 0.0 and r[LATITUDE + 1] == 0.0 and r[Z] == 0.0)
-
-
-@kernel
 def _do_at_once(m: Any, row: int, t: float) -> None:
     """Obeys a command that is done at once; those on devices that are not on board do nothing."""
     r = m.mission[row]
     command = int(r[COMMAND])
-    if command in (MAV_CMD_DO_SET_ROI, MAV_CMD_DO_SET_ROI_LOCATION) and not _is_nowhere(m, row):
-        n, e, _ = _place(m, row)
+    if command in (MAV_CMD_DO_SET_ROI, MAV_CMD_DO_SET_ROI_LOCATION) and not is_nowhere(m, row):
+        n, e, _ = place(m, row)
         look_at(m, n, e)
     elif command in (MAV_CMD_DO_SET_ROI, MAV_CMD_DO_SET_ROI_LOCATION, MAV_CMD_DO_SET_ROI_NONE):
         default_nose(m)
@@ -392,8 +358,8 @@ def _do_at_once(m: Any, row: int, t: float) -> None:
         m.FENCE_ENABLE = int(r[P1])
     elif command == MAV_CMD_DO_SET_HOME:
         n, e, u = m.position_neu[0], m.position_neu[1], m.position_neu[2]
-        if r[P1] != 1.0 and not _is_nowhere(m, row):
-            n, e, u = _place(m, row)
+        if r[P1] != 1.0 and not is_nowhere(m, row):
+            n, e, u = place(m, row)
         m.home_neu[0], m.home_neu[1], m.home_neu[2] = n, e, u
         m.told_home = False
 
@@ -435,7 +401,7 @@ def _do_next(m: Any, t: float) -> None:
             send_reached(m, m.auto_do)
             m.auto_doing = False
         return
-    row = _next(m, m.auto_do + 1, False)
+    row = next_command(m, m.auto_do + 1, False)
     if row < 0 or m.mission[row, COMMAND] <= MAV_CMD_NAV_LAST:
         m.auto_do = 0
     else:
@@ -446,50 +412,12 @@ def _do_next(m: Any, t: float) -> None:
 
 
 @kernel
-def _aim(m: Any, row: int) -> int:
-    """Returns the row that a jump at `row` leads to: by its number, or by its tag; -1 if there is none."""
-    wanted = m.mission[row, P1]
-    if m.mission[row, COMMAND] == MAV_CMD_DO_JUMP:
-        return int(wanted) if 1.0 <= wanted < mission_count(m) else -1
-    for i in range(1, mission_count(m)):
-        if m.mission[i, COMMAND] == MAV_CMD_JUMP_TAG and m.mission[i, P1] == wanted:
-            return i
-    return -1
-
-
-@kernel
-def _next(m: Any, row: int, taking: bool) -> int:
-    """Returns the command at `row`, or the target of the jumps there; -1 at the end. `taking`: count the jumps."""
-    first_jump = -1
-    for _ in range(_JUMPS_AT_ONCE + m.mission.shape[0]):
-        if row >= mission_count(m):
-            return -1
-        r = m.mission[row]
-        if r[COMMAND] != MAV_CMD_DO_JUMP and r[COMMAND] != MAV_CMD_DO_JUMP_TAG:
-            return row
-        aim = _aim(m, row)
-        if aim < 0 or (not taking and first_jump == row):
-            return -1
-        if first_jump < 0:
-            first_jump = row
-        if r[P2] < 0.0 or r[DONE] < r[P2]:
-            if taking:
-                r[DONE] += 1.0
-            row = aim
-        else:
-            if taking:
-                r[DONE] = 0.0
-            row += 1
-    return -1
-
-
-@kernel
 def _advance(m: Any, row: int, t: float) -> None:
     """Begins the first navigation command from `row` on, and before it the first command that runs beside it."""
     m.auto_do = 0
     m.auto_doing = False
     for _ in range(m.mission.shape[0]):
-        row = _next(m, row, True)
+        row = next_command(m, row, True)
         if row < 0:
             break
         if m.mission[row, COMMAND] <= MAV_CMD_NAV_LAST:
@@ -539,6 +467,8 @@ def run_auto(m: Any, t: float, dt: float) -> None:
         run_paused(m, dt)
         return
     _follow(m, t)
+    if m.auto_rtl and not (m.mission_complete or in_landing_sequence(m)):
+        m.auto_rtl = False
     if m.auto_command == MAV_CMD_NAV_TAKEOFF and m.submode == TAKEOFF:
         run_takeoff(m, dt)
     elif m.auto_command == MAV_CMD_NAV_RETURN_TO_LAUNCH:

@@ -4,10 +4,9 @@ Kernels over the autopilot's record `m`, called once per step; they call the pos
 use `take_off` and the `guide_*` functions. Vectors are north, east, UP from the local origin, SI units. Modes flown by
 hand are in `manual`, the mode switching is in `modes`, the heading in `yaw`, the destination of RTL in `rally`.
 
-RTL uses the same shaper as GUIDED, not ArduCopter's waypoint S-curves. BRAKE stops as GUIDED does, with WPNAV_ACCEL,
-not with ArduCopter's harder braking.
+RTL uses the same shaper as GUIDED, not ArduCopter's waypoint S-curves.
 
-Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_guided, mode_land, mode_rtl, takeoff.
+Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_guided, mode_brake, mode_land, mode_rtl, takeoff.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from cosim_models.autopilot.control.position import (
     control_up,
     initialise_ne,
     initialise_up,
+    limit_jerks,
     relax_ne,
     relax_up,
     seek_acceleration,
@@ -68,6 +68,8 @@ from cosim_models.autopilot.record.modes import (
 )
 
 __all__ = [
+    "braking_limits",
+    "run_arrived",
     "run_guided",
     "standard_limits",
     "fly_to_point",
@@ -81,6 +83,8 @@ __all__ = [
     "run_paused",
     "run_rtl",
     "run_takeoff",
+    "start_brake",
+    "start_descent",
     "start_land",
     "start_rtl",
     "start_takeoff",
@@ -89,6 +93,8 @@ __all__ = [
 
 
 _TAKEOFF_THROTTLE = 0.9
+_BRAKE_ACCEL = 7.5  # m/s2
+_BRAKE_CLIMB = 2.5  # m/s
 _RTL_ALT_MIN = 0.3  # m
 _RTL_CONE_MIN = 0.5
 _FENCE_MARGIN = 2.0  # m by which RTL stays below the highest fence
@@ -100,6 +106,26 @@ _FENCE_MARGIN = 2.0  # m by which RTL stays below the highest fence
 @kernel
 def standard_limits(m: Any) -> None:
     set_limits(m, 0.01 * m.WPNAV_SPEED, 0.01 * m.WPNAV_SPEED_UP, 0.01 * m.WPNAV_SPEED_DN)
+
+
+@kernel
+def braking_limits(m: Any, speed: float) -> None:
+    """Sets the limits of BRAKE and THROW: `speed` [m/s], hard braking in all directions."""
+    set_limits(m, speed, _BRAKE_CLIMB, _BRAKE_CLIMB)
+    m.accel_max = _BRAKE_ACCEL
+    m.accel_up = _BRAKE_ACCEL
+    limit_jerks(m)
+
+
+@kernel
+def start_brake(m: Any, t: float) -> None:
+    """Stops hard, and holds position, height and heading."""
+    guide_stop(m, t)
+    v = m.velocity_neu
+    braking_limits(m, math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]))
+    initialise_ne(m)
+    initialise_up(m)
+    hold_heading(m)
 
 
 @kernel
@@ -409,15 +435,35 @@ def _come_down(m: Any, dt: float) -> None:
 
 
 @kernel
-def run_rtl(m: Any, t: float, dt: float) -> None:
+def start_descent(m: Any) -> None:
+    """Begins the descent at the end of RTL: to RTL_ALT_FINAL, or to the ground if that is 0 or the radio is lost."""
+    if m.RTL_ALT_FINAL > 0.0 and not m.radio_lost:
+        m.rtl_stage = FINAL
+        hold_heading(m)
+        m.guided_position_neu[2] = m.home_neu[2] + 0.01 * m.RTL_ALT_FINAL
+        return
+    m.rtl_stage = DESCEND
+    start_land(m)
+
+
+@kernel
+def run_arrived(m: Any, dt: float) -> None:
+    """Performs one step of the descent that `start_descent` has begun."""
     if m.rtl_stage == DESCEND:
         run_land(m, dt)
+    elif not m.armed or m.on_ground:
+        rest_on_ground(m, dt)
+    else:
+        _come_down(m, dt)
+
+
+@kernel
+def run_rtl(m: Any, t: float, dt: float) -> None:
+    if m.rtl_stage >= DESCEND:
+        run_arrived(m, dt)
         return
     if not m.armed or m.on_ground:
         rest_on_ground(m, dt)
-        return
-    if m.rtl_stage == FINAL:
-        _come_down(m, dt)
         return
     fly_to_point(m, dt)
     p = m.guided_position_neu
@@ -432,13 +478,7 @@ def run_rtl(m: Any, t: float, dt: float) -> None:
         near = math.sqrt((p[0] - m.position_neu[0]) ** 2 + (p[1] - m.position_neu[1]) ** 2) < 0.01 * m.WPNAV_RADIUS
         if near and math.sqrt((p[0] - gap[0]) ** 2 + (p[1] - gap[1]) ** 2) < 0.2:
             m.rtl_stage = WAIT
-            m.loiter_since = t
+            m.return_since = t
             turn_as_armed(m)
-    elif t - m.loiter_since >= 0.001 * m.RTL_LOIT_TIME and points_there(m):
-        if m.RTL_ALT_FINAL > 0.0 and not m.radio_lost:
-            m.rtl_stage = FINAL
-            hold_heading(m)
-            p[2] = m.home_neu[2] + 0.01 * m.RTL_ALT_FINAL
-            return
-        m.rtl_stage = DESCEND
-        start_land(m)
+    elif t - m.return_since >= 0.001 * m.RTL_LOIT_TIME and points_there(m):
+        start_descent(m)

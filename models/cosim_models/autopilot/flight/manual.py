@@ -40,7 +40,7 @@ from cosim_models.autopilot.flight.sticks import (
     hands_on,
     pilot_climb_rate,
     pilot_climbs,
-    pilot_heading_thrust,
+    pilot_lean,
     pilot_throttle,
     pilot_tilt,
     pilot_yaw_rate,
@@ -50,6 +50,12 @@ from cosim_models.autopilot.flight.yaw import circle_nose, look_round
 from cosim_models.autopilot.record.modes import STABILIZE
 
 __all__ = [
+    "climb_by_stick",
+    "is_flying",
+    "lean_for",
+    "move_by_stick",
+    "prepare_loiter",
+    "reset_loiter",
     "run_alt_hold",
     "run_circle",
     "run_loiter",
@@ -57,6 +63,8 @@ __all__ = [
     "start_alt_hold",
     "start_circle",
     "start_loiter",
+    "use_pilot_limits",
+    "wanted_yaw_rate",
 ]
 
 _TAKEOFF_THROTTLE = 0.9
@@ -72,11 +80,11 @@ def _lean_by_stick(m: Any, t: float, dt: float) -> None:
     """Computes the attitude demanded by the sticks."""
     most = math.radians(0.01 * m.ANGLE_MAX)
     n, e = pilot_tilt(m, most, m.lean_max if m.mode != STABILIZE else most, t)
-    follow_yaw_rate(m, GRAVITY * n, GRAVITY * e, -GRAVITY, _yaw_rate(m, t, dt), dt)
+    follow_yaw_rate(m, GRAVITY * n, GRAVITY * e, -GRAVITY, wanted_yaw_rate(m, t, dt), dt)
 
 
 @kernel
-def _yaw_rate(m: Any, t: float, dt: float) -> float:
+def wanted_yaw_rate(m: Any, t: float, dt: float) -> float:
     """Returns the yaw rate demanded by the yaw stick, filtered with PILOT_Y_RATE_TC."""
     rate = pilot_yaw_rate(m, t)
     if m.PILOT_Y_RATE_TC > 0.0:
@@ -103,14 +111,14 @@ def run_stabilize(m: Any, t: float, dt: float) -> None:
 
 
 @kernel
-def _pilot_limits(m: Any) -> None:
+def use_pilot_limits(m: Any) -> None:
     m.speed_up = 0.01 * m.PILOT_SPEED_UP
     m.speed_down = 0.01 * m.PILOT_SPEED_DN if m.PILOT_SPEED_DN > 0.0 else m.speed_up
     m.accel_up = 0.01 * m.PILOT_ACCEL_Z
 
 
 @kernel
-def _is_flying(m: Any, climb: float, t: float, dt: float) -> bool:
+def is_flying(m: Any, climb: float, t: float, dt: float) -> bool:
     """Returns whether the vehicle flies or takes off by the throttle stick; if not, the vehicle rests on the ground."""
     if m.armed and (m.pilot_takeoff or (m.on_ground and climb > 0.0 and m.spool_state == THROTTLE_UNLIMITED)):
         if not m.pilot_takeoff:
@@ -129,7 +137,7 @@ def _is_flying(m: Any, climb: float, t: float, dt: float) -> bool:
 
 
 @kernel
-def _climb(m: Any, climb: float, dt: float) -> None:
+def climb_by_stick(m: Any, climb: float, dt: float) -> None:
     """Runs height control at the demanded climb rate, or the pilot's take-off."""
     if not m.pilot_takeoff:
         seek_velocity_up(m, climb, 0.0, False, dt)
@@ -159,18 +167,18 @@ def _climb(m: Any, climb: float, dt: float) -> None:
 def start_alt_hold(m: Any) -> None:
     """Holds the current height."""
     standard_limits(m)
-    _pilot_limits(m)
+    use_pilot_limits(m)
     initialise_up(m)
 
 
 @kernel
 def run_alt_hold(m: Any, t: float, dt: float) -> None:
     """Runs ALT_HOLD: the sticks set lean, yaw rate and climb rate; the vehicle drifts with the wind."""
-    _pilot_limits(m)
+    use_pilot_limits(m)
     climb = pilot_climb_rate(m, t)
-    if not _is_flying(m, climb, t, dt):
+    if not is_flying(m, climb, t, dt):
         return
-    _climb(m, climb, dt)
+    climb_by_stick(m, climb, dt)
     relax_ne(m, dt)
     _lean_by_stick(m, t, dt)
 
@@ -179,24 +187,45 @@ def run_alt_hold(m: Any, t: float, dt: float) -> None:
 
 
 @kernel
-def start_loiter(m: Any, t: float) -> None:
+def start_loiter(m: Any) -> None:
     """Stops the vehicle, then holds its position."""
-    standard_limits(m)
-    _pilot_limits(m)
-    m.speed_max = _LOITER_CORRECTION
-    m.accel_max = 0.01 * m.LOIT_ACC_MAX
-    _reset_loiter(m, t)
+    prepare_loiter(m)
+    reset_loiter(m)
     initialise_up(m)
 
 
 @kernel
-def _reset_loiter(m: Any, t: float) -> None:
+def prepare_loiter(m: Any) -> None:
+    """Sets the limits of LOITER and of the pilot's climb."""
+    standard_limits(m)
+    use_pilot_limits(m)
+    m.speed_max = _LOITER_CORRECTION
+    m.accel_max = 0.01 * m.LOIT_ACC_MAX
+
+
+@kernel
+def reset_loiter(m: Any) -> None:
+    """Begins with the current motion and lean, which returns to that of the sticks.
+
+    As in ArduCopter, the time without sticks, after which the vehicle brakes, does not begin anew.
+    """
     initialise_ne(m)
     m.loiter_brake = 0.0
-    m.loiter_since = t
+    m.loiter_tilt[0], m.loiter_tilt[1] = lean_for(m, m.target_acceleration_neu[0], m.target_acceleration_neu[1])
     for i in range(2):
-        m.loiter_tilt[i] = 0.0
         m.loiter_tilt_rate[i] = 0.0
+
+
+@kernel
+def lean_for(m: Any, n: float, e: float) -> tuple[float, float]:
+    """Returns the roll and pitch [rad] of an acceleration at constant height, with the current heading."""
+    if n == 0.0 and e == 0.0:
+        return 0.0, 0.0
+    q = m.q
+    heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
+    c, s = math.cos(heading), math.sin(heading)
+    pitch = -math.atan((n * c + e * s) / GRAVITY)
+    return math.atan((e * c - n * s) * math.cos(pitch) / GRAVITY), pitch
 
 
 @kernel
@@ -225,16 +254,19 @@ def _predict(m: Any, roll: float, pitch: float, dt: float) -> tuple[float, float
 
 
 @kernel
-def _move(m: Any, t: float, dt: float) -> None:
-    """Shapes the horizontal motion: acceleration by the sticks, less drag and, with centred sticks, braking."""
+def move_by_stick(m: Any, by_pilot: bool, t: float, dt: float) -> None:
+    """Shapes the horizontal motion and controls it: acceleration by the sticks less drag; centred sticks brake.
+
+    Without `by_pilot`, the sticks count as centred, and fences do not slow the vehicle down.
+    """
     lean_max = (
         math.radians(m.LOIT_ANG_MAX) if m.LOIT_ANG_MAX > 0.0 else _LOITER_SHARE * math.radians(0.01 * m.ANGLE_MAX)
     )
-    forward, right = pilot_heading_thrust(m, lean_max, m.lean_max, t)
-    pitch = -math.atan(forward)
-    roll = math.atan(math.cos(pitch) * right)
+    roll, pitch = 0.0, 0.0
+    if by_pilot:
+        roll, pitch = pilot_lean(m, lean_max, m.lean_max, t)
     wn, we = 0.0, 0.0
-    moved = forward != 0.0 or right != 0.0
+    moved = roll != 0.0 or pitch != 0.0
     if moved:
         wn, we = _acceleration_of(m, roll, pitch)
     p, v, a = m.desired_position_neu, m.desired_velocity_neu, m.desired_acceleration_neu
@@ -258,29 +290,29 @@ def _move(m: Any, t: float, dt: float) -> None:
         if speed > 0.0:
             a[i] -= m.loiter_brake * v[i] / speed
         v[i] *= share
-    if avoids(m):
+    if by_pilot and avoids(m):
         v[0], v[1] = slow_at_circle(m, v[0], v[1], dt)
     for i in range(2):
         p[i] += v[i] * dt
+    control_ne(m, dt)
 
 
 @kernel
 def run_loiter(m: Any, t: float, dt: float) -> None:
     """Runs LOITER: sticks set acceleration, yaw rate and climb rate; centred sticks brake and hold position."""
-    _pilot_limits(m)
+    use_pilot_limits(m)
     climb = pilot_climb_rate(m, t)
     if avoids(m):
         climb = slow_at_heights(m, climb, dt)
-    if not _is_flying(m, climb, t, dt):
-        _reset_loiter(m, t)
+    if not is_flying(m, climb, t, dt):
+        reset_loiter(m)
         return
     if m.touched:
         soften_for_landing(m, dt)
-    _move(m, t, dt)
-    control_ne(m, dt)
-    _climb(m, climb, dt)
+    move_by_stick(m, True, t, dt)
+    climb_by_stick(m, climb, dt)
     a = m.target_acceleration_neu
-    follow_yaw_rate(m, a[0], a[1], -GRAVITY, _yaw_rate(m, t, dt), dt)
+    follow_yaw_rate(m, a[0], a[1], -GRAVITY, wanted_yaw_rate(m, t, dt), dt)
 
 
 # ---- CIRCLE --------------------------------------------------------------------------------------------------------
@@ -298,7 +330,7 @@ def _take_circle(m: Any) -> None:
 def start_circle(m: Any) -> None:
     """Begins a circle whose centre is CIRCLE_RADIUS ahead of the stopping point."""
     standard_limits(m)
-    _pilot_limits(m)
+    use_pilot_limits(m)
     heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
     stop_ne(m)
     initialise_up(m)
@@ -331,6 +363,6 @@ def run_circle(m: Any, t: float, dt: float) -> None:
         rest_on_ground(m, dt)
         return
     m.spool_wanted = THROTTLE_UNLIMITED
-    _pilot_limits(m)
+    use_pilot_limits(m)
     _change_circle(m, t, dt)
     go_round(m, pilot_climb_rate(m, t), dt)

@@ -14,20 +14,28 @@ from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED, mix_towards
 from cosim_models.autopilot.control.shaping import lowpass_alpha
+from cosim_models.autopilot.flight.returning.breadcrumbs import forget_path
 from cosim_models.autopilot.mission.missions import forget_jumps
 from cosim_models.autopilot.record.modes import (
+    ACRO,
     AUTO,
+    AUTO_RTL,
     AVOID_ADSB,
     BRAKE,
     CIRCLE,
     DESCEND,
+    DRIFT,
     GUIDED,
     LAND,
     LANDING,
     LOITER,
+    POSHOLD,
     RTL,
+    SMART_RTL,
     STABILIZE,
     TAKEOFF,
+    THROW,
+    ZIGZAG,
 )
 
 __all__ = [
@@ -38,6 +46,7 @@ __all__ = [
     "landed_state",
     "needs_position",
     "position_ready",
+    "reported_mode",
 ]
 
 
@@ -59,7 +68,20 @@ def position_ready(m: Any, t: float) -> bool:
 @kernel
 def needs_position(mode: int) -> bool:
     """Returns whether entering or arming in a mode requires a position estimate."""
-    return mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE, AVOID_ADSB)
+    return mode in (
+        AUTO,
+        GUIDED,
+        LOITER,
+        RTL,
+        CIRCLE,
+        BRAKE,
+        AVOID_ADSB,
+        DRIFT,
+        POSHOLD,
+        THROW,
+        SMART_RTL,
+        ZIGZAG,
+    )
 
 
 @kernel
@@ -75,6 +97,7 @@ def arm(m: Any, t: float) -> None:
         for i in range(3):
             m.home_neu[i] = m.position_neu[i]
     m.land_time = 0.0
+    forget_path(m, t, position_ready(m, t))
 
 
 @kernel
@@ -93,8 +116,8 @@ def disarm(m: Any) -> None:
 
 @kernel
 def disarm_after_delay(m: Any, t: float) -> bool:
-    """Disarms after DISARM_DELAY armed on the ground; returns whether that happened in this step."""
-    if not m.armed or m.DISARM_DELAY <= 0.0 or m.spool_state > GROUND_IDLE or not m.on_ground:
+    """Disarms after DISARM_DELAY armed on the ground; returns whether that happened in this step. Not in THROW."""
+    if not m.armed or m.DISARM_DELAY <= 0.0 or m.spool_state > GROUND_IDLE or not m.on_ground or m.mode == THROW:
         m.idle_since = t
         return False
     if t - m.idle_since < m.DISARM_DELAY - 1e-9:
@@ -137,7 +160,7 @@ def detect_landing(m: Any, dt: float) -> None:
         m.land_time = 0.0
     m.touched = m.on_ground or m.land_time >= _TOUCHED_TIME
     wanted = m.ATC_THR_MIX_MAX
-    if m.mode == STABILIZE:
+    if m.mode == STABILIZE or m.mode == ACRO:
         wanted = m.ATC_THR_MIX_MAN if m.auto_armed else m.ATC_THR_MIX_MIN
     elif (
         not m.armed
@@ -157,6 +180,12 @@ def landed_state(m: Any) -> int:
         return 3
     if m.mode == AUTO and m.auto_landing:
         return LANDING
-    if m.mode == LAND or (m.mode == RTL and m.rtl_stage == DESCEND):
+    if m.mode == LAND or ((m.mode == RTL or m.mode == SMART_RTL) and m.rtl_stage == DESCEND):
         return LANDING
     return 2
+
+
+@kernel
+def reported_mode(m: Any) -> int:
+    """Returns the number of the mode as ground stations see it: AUTO_RTL is AUTO in the landing sequence."""
+    return AUTO_RTL if m.auto_rtl else int(m.mode)

@@ -2,8 +2,8 @@
 
 RC_CHANNELS_OVERRIDE and MANUAL_CONTROL from the ground station (SYSID_MYGCS) set channels for RC_OVERRIDE_TIME.
 Channels without an override have neutral inputs, as in a simulated ArduCopter: centred sticks, and a throttle that is
-closed on the ground and in STABILIZE and centred otherwise. SIM_RC_FAIL removes these inputs. Kernels over the
-autopilot's record `m`; modes use the sticks in `guided` and `manual`, and a lost radio is handled in `failsafes`.
+closed on the ground and in modes flown by throttle, and centred otherwise. SIM_RC_FAIL removes these inputs. Kernels
+over the autopilot's record `m`; the modes use the sticks, and a lost radio is handled in `failsafes`.
 
 Not here: simple modes, trims by ear, auxiliary switches.
 
@@ -24,13 +24,15 @@ from cosim.messages import RC_CHANNELS_OVERRIDE_CHAN1_RAW, RC_CHANNELS_OVERRIDE_
 from cosim.model import record_layout
 from cosim.packets import get_u16
 from cosim_models.autopilot.control.shaping import clip
-from cosim_models.autopilot.record.modes import STABILIZE
+from cosim_models.autopilot.record.modes import ACRO, DRIFT, STABILIZE
 from cosim_models.autopilot.record.parameters import STICK_CHANNELS
 from cosim_models.autopilot.record.variables import CHANNELS, VARIABLES
 
 __all__ = [
     "NO_PULSES",
+    "by_throttle",
     "channel",
+    "curved",
     "deflection",
     "hands_on",
     "hear_manual_control",
@@ -38,11 +40,13 @@ __all__ = [
     "pilot_climb_rate",
     "pilot_climbs",
     "pilot_heading_thrust",
+    "pilot_lean",
     "pilot_throttle",
     "pilot_tilt",
     "override_active",
     "pilot_yaw_rate",
     "read_sticks",
+    "stick_throttle",
     "throttle_open",
     "throttle_zero",
 ]
@@ -146,6 +150,12 @@ def hands_on(m: Any, t: float) -> bool:
 
 
 @kernel
+def by_throttle(mode: int) -> bool:
+    """Returns whether the throttle stick sets the throttle in a mode, and not a climb rate."""
+    return mode in (STABILIZE, ACRO, DRIFT)
+
+
+@kernel
 def _receiver(m: Any, number: int) -> int:
     """Returns the neutral pulse [us] of channel `number`, without an override."""
     if m.SIM_RC_FAIL == NO_PULSES:
@@ -153,7 +163,7 @@ def _receiver(m: Any, number: int) -> int:
     if number == m.RCMAP_THROTTLE:
         if m.SIM_RC_FAIL == 2:
             return _FAILED_THROTTLE
-        if m.on_ground or m.mode == STABILIZE:
+        if m.on_ground or by_throttle(m.mode):
             return _CLOSED
         return int(0.5 * (_calibration(m, number, _MIN) + _calibration(m, number, _MAX)))
     if number == m.RCMAP_ROLL or number == m.RCMAP_PITCH or number == m.RCMAP_YAW or number <= 4:
@@ -253,7 +263,7 @@ def read_sticks(m: Any, t: float) -> None:
         return
     if not throttle_zero(m, t):
         m.auto_armed = True
-    elif m.mode == STABILIZE and not m.radio_lost:
+    elif (m.mode == STABILIZE or m.mode == ACRO) and not m.radio_lost:
         m.auto_armed = False
 
 
@@ -288,12 +298,18 @@ def pilot_climbs(m: Any, t: float) -> bool:
 
 @kernel
 def pilot_throttle(m: Any, t: float) -> float:
-    """Returns the throttle (0 to 1) in STABILIZE; the centred stick gives the hover throttle."""
+    """Returns the throttle (0 to 1) demanded by the stick; the centred stick gives the hover throttle."""
+    return stick_throttle(m, m.throttle_hover, t)
+
+
+@kernel
+def stick_throttle(m: Any, middle_throttle: float, t: float) -> float:
+    """Returns the throttle (0 to 1) demanded by the stick, which is `middle_throttle` at its centre."""
     if not hands_on(m, t):
         return 0.0
     stick, middle = _throttle(m, t), _middle(m)
     share = 0.5 * stick / middle if stick < middle else 0.5 + 0.5 * (stick - middle) / (1000.0 - middle)
-    expo = clip((0.5 - m.throttle_hover) / _EXPO_SHARE, -0.5, 1.0)
+    expo = clip((0.5 - middle_throttle) / _EXPO_SHARE, -0.5, 1.0)
     return share * (1.0 - expo) + expo * share * share * share
 
 
@@ -302,11 +318,21 @@ def pilot_yaw_rate(m: Any, t: float) -> float:
     """Returns the yaw rate [rad/s] demanded by the yaw stick."""
     if not _flies(m, t):
         return 0.0
-    stick = deflection(m, m.RCMAP_YAW, t)
-    expo = m.PILOT_Y_EXPO
-    if expo < 0.95:
-        stick = (1.0 - expo) * stick / (1.0 - expo * abs(stick))
-    return math.radians(m.PILOT_Y_RATE) * stick
+    return math.radians(m.PILOT_Y_RATE) * curved(deflection(m, m.RCMAP_YAW, t), m.PILOT_Y_EXPO)
+
+
+@kernel
+def curved(stick: float, expo: float) -> float:
+    """Returns a deflection (-1 to 1) softened about the centre: 0 linear, towards 1 softer; 0.95 and above: linear."""
+    return (1.0 - expo) * stick / (1.0 - expo * abs(stick)) if expo < 0.95 else stick
+
+
+@kernel
+def pilot_lean(m: Any, lean_max: float, lean_limit: float, t: float) -> tuple[float, float]:
+    """Returns the roll and pitch [rad] demanded by the sticks; see `pilot_heading_thrust`."""
+    forward, right = pilot_heading_thrust(m, lean_max, lean_limit, t)
+    pitch = -math.atan(forward)
+    return math.atan(math.cos(pitch) * right), pitch
 
 
 @kernel

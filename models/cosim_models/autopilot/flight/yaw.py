@@ -20,7 +20,7 @@ from cosim.messages import (
 from cosim_models.autopilot.control.attitude import follow_heading, follow_yaw_rate
 from cosim_models.autopilot.control.position import GRAVITY
 from cosim_models.autopilot.control.shaping import clip, wrap_pi
-from cosim_models.autopilot.record.modes import AUTO, BRAKE, DESCEND, FINAL, GUIDED, RTL
+from cosim_models.autopilot.record.modes import AUTO, BRAKE, DESCEND, FINAL, GUIDED, RTL, SMART_RTL
 
 __all__ = [
     "circle_nose",
@@ -55,8 +55,8 @@ def _heading(q: Any) -> float:
 
 @kernel
 def default_nose(m: Any) -> None:
-    """Applies WP_YAW_BEHAVIOR: 0 holds the heading; 1, 2 and 3 point along the path (2 holds it in RTL)."""
-    if m.WP_YAW_BEHAVIOR == 0 or (m.WP_YAW_BEHAVIOR == 2 and m.mode == RTL):
+    """Applies WP_YAW_BEHAVIOR: 0 holds the heading; 1, 2 and 3 point along the path (2: not in RTL, SMART_RTL)."""
+    if m.WP_YAW_BEHAVIOR == 0 or (m.WP_YAW_BEHAVIOR == 2 and m.mode in (RTL, SMART_RTL)):
         m.yaw_mode = _HOLD
     elif m.yaw_mode != _ALONG_PATH:
         m.yaw_mode = _ALONG_PATH

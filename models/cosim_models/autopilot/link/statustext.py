@@ -17,6 +17,7 @@ from cosim_models.autopilot.link.links import LINKS, send
 
 __all__ = [
     "ACCELS_INCONSISTENT",
+    "ACRO_TOO_HIGH",
     "AHRS_TYPE",
     "ARMING",
     "ARM_BATTERY_FAILSAFE",
@@ -31,6 +32,9 @@ __all__ = [
     "AUTOTUNE_REFUSED",
     "AUTO_NOT_ARMABLE",
     "AUTO_REFUSED",
+    "AUTO_RTL_END",
+    "AUTO_RTL_NOT_ARMABLE",
+    "AUTO_RTL_START",
     "AUX_INVALID",
     "AVOID_NOT_ARMABLE",
     "AVOID_REFUSED",
@@ -50,10 +54,16 @@ __all__ = [
     "COMPASS_ARMED",
     "CRITICAL",
     "DISARMING",
+    "DRIFT_REFUSED",
+    "DRIFT_TOO_HIGH",
     "FENCE_CLEARED",
     "FENCE_FETCH_INVALID",
     "FENCE_FETCH_OLD",
+    "FLIP_NOT_ARMABLE",
     "FLIP_REFUSED",
+    "FLOWHOLD_REFUSED",
+    "FOLLOW_DISABLED",
+    "FOLLOW_REFUSED",
     "FRAMES",
     "GCS_AUTO",
     "GCS_CLEARED",
@@ -89,6 +99,7 @@ __all__ = [
     "PLAN_RECEIVED",
     "PLAN_REJECTED",
     "POLYGON_BREACHED",
+    "POSHOLD_REFUSED",
     "PREARM_ACCELS",
     "PREARM_AHRS_TYPE",
     "PREARM_ATTITUDE",
@@ -114,11 +125,30 @@ __all__ = [
     "RTL_NOT_ARMABLE",
     "RTL_REFUSED",
     "SERVO_IN_USE",
+    "SMART_RTL_FULL",
+    "SMART_RTL_LOST",
+    "SMART_RTL_NOT_ARMABLE",
+    "SMART_RTL_NO_POSITION",
+    "SMART_RTL_REFUSED",
     "STABILIZE_REFUSED",
+    "SYSTEMID_NO_AXIS",
+    "SYSTEMID_REFUSED",
+    "THROW_DETECTED",
+    "THROW_HEIGHT",
     "THROW_REFUSED",
+    "THROW_UNLIMITED",
+    "THROW_UPRIGHT",
+    "THROW_WAITING",
+    "TURTLE_REFUSED",
     "USE_REQUEST_INT",
     "WAITING_FOR_HOME",
     "WARNING",
+    "ZIGZAG_MANUAL",
+    "ZIGZAG_MOVING_A",
+    "ZIGZAG_MOVING_B",
+    "ZIGZAG_REFUSED",
+    "ZIGZAG_STORED_A",
+    "ZIGZAG_STORED_B",
     "say",
     "say_here",
     "say_with",
@@ -238,6 +268,36 @@ _text(b"Frame: Y6/Y6B")
 FLIP_REFUSED = _text(b"Mode change to FLIP failed: init failed")
 AUTOTUNE_REFUSED = _text(b"Mode change to AUTOTUNE failed: init failed")
 THROW_REFUSED = _text(b"Mode change to THROW failed: init failed")
+FLOWHOLD_REFUSED = _text(b"Mode change to FLOWHOLD failed: init failed")
+FOLLOW_REFUSED = _text(b"Mode change to FOLLOW failed: init failed")
+FOLLOW_DISABLED = _text(b"Set FOLL_ENABLE = 1")
+SYSTEMID_REFUSED = _text(b"Mode change to SYSTEMID failed: init failed")
+SYSTEMID_NO_AXIS = _text(b"No axis selected, SID_AXIS = 0")
+TURTLE_REFUSED = _text(b"Mode change to TURTLE failed: init failed")
+SMART_RTL_REFUSED = _text(b"Mode change to SMART_RTL failed: init failed")
+SMART_RTL_NO_POSITION = _text(b"Mode change to SMART_RTL failed: requires position")
+DRIFT_REFUSED = _text(b"Mode change to DRIFT failed: requires position")
+POSHOLD_REFUSED = _text(b"Mode change to POSHOLD failed: requires position")
+ZIGZAG_REFUSED = _text(b"Mode change to ZIGZAG failed: requires position")
+ACRO_TOO_HIGH = _text(b"Mode change to ACRO failed: throttle too high")
+DRIFT_TOO_HIGH = _text(b"Mode change to DRIFT failed: throttle too high")
+FLIP_NOT_ARMABLE = _text(b"Arm: FLIP mode not armable")
+SMART_RTL_NOT_ARMABLE = _text(b"Arm: SMART_RTL mode not armable")
+AUTO_RTL_NOT_ARMABLE = _text(b"Arm: AUTO RTL mode not armable")
+SMART_RTL_FULL = _text(b"SmartRTL deactivated: buffer full")
+SMART_RTL_LOST = _text(b"SmartRTL deactivated: bad position")
+THROW_WAITING = _text(b"waiting for throw")
+THROW_DETECTED = _text(b"throw detected - spooling motors")
+THROW_UNLIMITED = _text(b"throttle is unlimited - uprighting")
+THROW_UPRIGHT = _text(b"uprighted - controlling height")
+THROW_HEIGHT = _text(b"height achieved - controlling position")
+ZIGZAG_STORED_A = _text(b"ZIGZAG: point A stored")
+ZIGZAG_STORED_B = _text(b"ZIGZAG: point B stored")
+ZIGZAG_MOVING_A = _text(b"ZIGZAG: moving to A")
+ZIGZAG_MOVING_B = _text(b"ZIGZAG: moving to B")
+ZIGZAG_MANUAL = _text(b"ZIGZAG: manual control")
+AUTO_RTL_START = _part(b"Mode change to AUTO RTL failed: No return path or ", 0)
+AUTO_RTL_END = _part(b"landing sequence found", 1)
 AVOID_REFUSED = _part(b"Mode change to AVOID_ADSB failed: requires positio", 0)
 AVOID_REFUSED_END = _part(b"n", 1)
 AVOID_NOT_ARMABLE = _text(b"Arm: AVOID_ADSB mode not armable")

@@ -107,6 +107,7 @@ from cosim_models.autopilot.commander.failsafes import hear_station
 from cosim_models.autopilot.commander.mode_requests import (
     arm_or_disarm,
     change_mode,
+    request_mode,
     start_mission,
 )
 from cosim_models.autopilot.commander.readiness import home_ready
@@ -277,7 +278,7 @@ def _fly(m: Any, command: int, frame: int, p1: float, p2: float, p3: float, p4: 
     if command == MAV_CMD_DO_SET_MODE:
         if not 0.0 <= p1 <= 255.0 or (int(p1) & MAV_MODE_FLAG_CUSTOM_MODE_ENABLED) == 0 or not 0.0 <= p2 < 16777216.0:
             return MAV_RESULT_DENIED
-        return change_mode(m, int(p2), t)
+        return request_mode(m, int(p2), t)
     if command in (MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND):
         return change_mode(m, LAND, t)
     if command == MAV_CMD_NAV_RETURN_TO_LAUNCH:
@@ -428,7 +429,7 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
     elif message == SET_MODE:
         _, base_mode, mode = decode_set_mode(m.received)
         if (base_mode & MAV_MODE_FLAG_CUSTOM_MODE_ENABLED) != 0:
-            change_mode(m, mode, t)
+            request_mode(m, mode, t)
     elif message == SET_POSITION_TARGET_LOCAL_NED:
         hear_local_target(m, t)
     elif message == SET_POSITION_TARGET_GLOBAL_INT:

@@ -106,7 +106,7 @@ from cosim_models.autopilot.commander.readiness import (
 )
 from cosim_models.autopilot.control.motors import GROUND_IDLE
 from cosim_models.autopilot.control.shaping import clip
-from cosim_models.autopilot.flight.state import landed_state, position_ready
+from cosim_models.autopilot.flight.state import landed_state, position_ready, reported_mode
 from cosim_models.autopilot.link.links import microseconds, milliseconds, send
 from cosim_models.autopilot.mavlink.requested_messages import send_requested
 from cosim_models.autopilot.mavlink.sensor_messages import (
@@ -129,7 +129,18 @@ from cosim_models.autopilot.mavlink.status_messages import (
     send_simulated,
 )
 from cosim_models.autopilot.mission.missions import send_mission_current
-from cosim_models.autopilot.record.modes import AUTO, AVOID_ADSB, BRAKE, CIRCLE, GUIDED, LOITER, RTL
+from cosim_models.autopilot.record.modes import (
+    AUTO,
+    AUTO_RTL,
+    AVOID_ADSB,
+    BRAKE,
+    CIRCLE,
+    GUIDED,
+    LOITER,
+    POSHOLD,
+    RTL,
+    SMART_RTL,
+)
 from cosim_models.autopilot.record.streams import is_silent, message_of
 
 __all__ = [
@@ -199,9 +210,9 @@ def tell_interval(m: Any, message: int, row: int) -> None:
 
 @kernel
 def send_heartbeat(m: Any, t: float) -> bool:
-    mode = m.mode
+    mode = reported_mode(m)
     base_mode = 1 + 16 + 64
-    if mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE, AVOID_ADSB):
+    if mode in (AUTO, AUTO_RTL, GUIDED, LOITER, RTL, CIRCLE, BRAKE, AVOID_ADSB, POSHOLD, SMART_RTL):
         base_mode += 8
     if m.armed or m.test_motor > 0:
         base_mode += 128

@@ -45,7 +45,7 @@ from cosim.messages import (
 )
 from cosim_models.autopilot.commander.battery import battery_remaining
 from cosim_models.autopilot.control.shaping import clip
-from cosim_models.autopilot.flight.state import landed_state, position_ready
+from cosim_models.autopilot.flight.state import landed_state, position_ready, reported_mode
 from cosim_models.autopilot.link.links import microseconds, milliseconds, send
 from cosim_models.autopilot.mavlink.sensor_messages import fill_pressure, fill_scaled_imu, pressure
 from cosim_models.autopilot.mavlink.status_messages import going
@@ -164,7 +164,7 @@ def _send_summary(m: Any, t: float) -> bool:
         milliseconds(t),
         kind,
         3,
-        m.mode,
+        reported_mode(m),
         lat,
         lon,
         int(clip(alt, -32768.0, 32767.0)),

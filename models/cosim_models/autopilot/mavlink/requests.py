@@ -74,9 +74,16 @@ from cosim.messages import (
     MAV_RESULT_UNSUPPORTED,
 )
 from cosim_models.autopilot.commander.battery import reset_battery
-from cosim_models.autopilot.commander.mode_requests import arm_checked, change_mode, check_arming
+from cosim_models.autopilot.commander.mode_requests import (
+    arm_checked,
+    change_mode,
+    check_arming,
+    request_mode,
+    start_landing_sequence,
+)
 from cosim_models.autopilot.commander.readiness import home_ready
 from cosim_models.autopilot.control.shaping import clip
+from cosim_models.autopilot.flight.assisted.zigzag import return_to_pilot, store_or_go
 from cosim_models.autopilot.flight.auto import may_pause
 from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo, test_motors
 from cosim_models.autopilot.flight.state import disarm
@@ -91,7 +98,6 @@ from cosim_models.autopilot.link.statustext import (
     HIGH_LATENCY_ON,
     INFO,
     LAND_SEQUENCE_END,
-    LAND_SEQUENCE_NONE,
     LAND_SEQUENCE_START,
     NO_NUMBER,
     NOTICE,
@@ -105,15 +111,26 @@ from cosim_models.autopilot.link.statustext import (
 )
 from cosim_models.autopilot.mavlink.targets import altitude_reference, is_place, locate
 from cosim_models.autopilot.record.modes import (
+    ACRO,
     ALT_HOLD,
     AUTO,
+    AUTO_RTL,
+    AUTOTUNE,
     BRAKE,
     CIRCLE,
+    DRIFT,
+    FLIP,
+    FLOWHOLD,
+    FOLLOW,
     GUIDED,
     LAND,
     LOITER,
+    POSHOLD,
     RTL,
+    SMART_RTL,
     STABILIZE,
+    THROW,
+    ZIGZAG,
 )
 
 __all__ = ["obey", "send_banner"]
@@ -155,19 +172,30 @@ _ACCEPTED_WITHOUT = np.array(
 # Auxiliary functions (RCn_OPTION) that change the mode, and the modes.
 _AUX_MODES = np.array(
     (
+        (2, FLIP),
         (4, RTL),
         (16, AUTO),
         (18, LAND),
+        (26, AUTOTUNE),
         (33, BRAKE),
+        (37, THROW),
+        (42, SMART_RTL),
+        (52, ACRO),
         (55, GUIDED),
         (56, LOITER),
+        (57, FOLLOW),
+        (60, ZIGZAG),
         (68, STABILIZE),
+        (69, POSHOLD),
         (70, ALT_HOLD),
+        (71, FLOWHOLD),
         (72, CIRCLE),
+        (73, DRIFT),
+        (99, AUTO_RTL),
     ),
     dtype=np.int64,
 )
-_AUX_FENCE, _AUX_RELAY, _AUX_ESTOP, _AUX_DISARM, _AUX_ARM_DISARM = 11, 28, 31, 81, 153
+_AUX_FENCE, _AUX_RELAY, _AUX_ESTOP, _AUX_ZIGZAG, _AUX_DISARM, _AUX_ARM_DISARM = 11, 28, 31, 61, 81, 153
 _LOW, _MIDDLE, _HIGH = 0, 1, 2
 _AUX_LAST, _AUX_MORE, _AUX_LAST_MORE = 115, 150, 185  # ranges of functions that ArduCopter knows
 
@@ -273,10 +301,15 @@ def _switch(m: Any, function: float, position: float, t: float) -> int:
     for i in range(_AUX_MODES.shape[0]):
         if _AUX_MODES[i, 0] == number:
             if at == _HIGH:
-                change_mode(m, int(_AUX_MODES[i, 1]), t)
+                request_mode(m, int(_AUX_MODES[i, 1]), t)
             return MAV_RESULT_ACCEPTED
     if number == _AUX_FENCE:
         m.FENCE_ENABLE = 1 if at == _HIGH else 0
+    elif number == _AUX_ZIGZAG and m.mode == ZIGZAG:
+        if at == _MIDDLE:
+            return_to_pilot(m, False)
+        else:
+            store_or_go(m, 0 if at == _LOW else 1)
     elif number == _AUX_RELAY:
         set_relay(m, 0.0, 1.0 if at == _HIGH else 0.0)
     elif number == _AUX_ARM_DISARM and at == _HIGH:
@@ -416,7 +449,8 @@ def obey(
     if command == MAV_CMD_NAV_LOITER_UNLIM:
         return change_mode(m, LOITER, t)
     if command == MAV_CMD_DO_LAND_START:
-        say(m, WARNING, LAND_SEQUENCE_NONE, NO_NUMBER)
+        if start_landing_sequence(m, t):
+            return MAV_RESULT_ACCEPTED
         say(m, WARNING, LAND_SEQUENCE_START, NO_NUMBER)
         say(m, WARNING, LAND_SEQUENCE_END, NO_NUMBER)
         return MAV_RESULT_FAILED

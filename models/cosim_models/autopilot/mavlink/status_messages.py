@@ -42,7 +42,7 @@ from cosim_models.autopilot.control.position import GRAVITY
 from cosim_models.autopilot.flight.sticks import channel
 from cosim_models.autopilot.link.links import microseconds, milliseconds, send
 from cosim_models.autopilot.mavlink.sensor_messages import short
-from cosim_models.autopilot.record.modes import AUTO, GUIDED, POSITION, RTL
+from cosim_models.autopilot.record.modes import AUTO, GUIDED, POSITION, RTL, SMART_RTL
 from cosim_models.autopilot.record.variables import CHANNELS
 
 __all__ = [
@@ -67,7 +67,7 @@ _UNKNOWN_RSSI = 255
 def going(m: Any) -> bool:
     """Returns whether the vehicle flies to a point, m.guided_position_neu."""
     flying = m.armed and not m.on_ground and m.submode == POSITION
-    return bool(flying and (m.mode == GUIDED or m.mode == RTL or m.mode == AUTO))
+    return bool(flying and (m.mode == GUIDED or m.mode == RTL or m.mode == AUTO or m.mode == SMART_RTL))
 
 
 @kernel

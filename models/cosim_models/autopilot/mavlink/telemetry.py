@@ -17,6 +17,7 @@ from cosim.fields import get_whole
 from cosim.kernel import kernel
 from cosim.model import record_layout
 from cosim_models.autopilot.commander.readiness import home_ready
+from cosim_models.autopilot.flight.state import reported_mode
 from cosim_models.autopilot.link.links import LINKS
 from cosim_models.autopilot.link.statustext import DISARMING, INFO, NO_NUMBER, say, send_texts
 from cosim_models.autopilot.mavlink.file_transfer import continue_burst
@@ -121,9 +122,10 @@ def telemetry(m: Any, t: float) -> None:
         _tell_home(m, t)
     if m.text_count > 0:
         send_texts(m)
-    changed = m.armed != m.told_armed or m.mode != m.told_mode
+    mode = reported_mode(m)
+    changed = m.armed != m.told_armed or mode != m.told_mode
     m.told_armed = m.armed
-    m.told_mode = m.mode
+    m.told_mode = mode
     if not (changed or m.transferring) and t < m.soonest_due - _SLACK:
         return
     m.soonest_due = t + 1.0

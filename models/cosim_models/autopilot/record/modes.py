@@ -6,31 +6,41 @@ from enum import IntEnum
 
 __all__ = [
     "ACCELERATION",
+    "ACRO",
     "ALT_HOLD",
     "ANGLE",
     "AUTO",
     "AUTOTUNE",
+    "AUTO_RTL",
     "AVOID_ADSB",
     "BRAKE",
     "CIRCLE",
     "CLIMB",
     "DESCEND",
+    "DRIFT",
     "FINAL",
     "FLIP",
+    "FLOWHOLD",
+    "FOLLOW",
     "GUIDED",
     "GUIDED_NOGPS",
     "LAND",
     "LANDING",
     "LOITER",
+    "POSHOLD",
     "POSITION",
     "POSITION_VELOCITY",
     "RETURN",
     "RTL",
+    "SMART_RTL",
     "STABILIZE",
+    "SYSTEMID",
     "TAKEOFF",
     "THROW",
+    "TURTLE",
     "VELOCITY",
     "WAIT",
+    "ZIGZAG",
     "Mode",
 ]
 
@@ -39,6 +49,7 @@ class Mode(IntEnum):
     """Flight modes, by ArduCopter's numbers."""
 
     STABILIZE = 0
+    ACRO = 1
     ALT_HOLD = 2
     AUTO = 3
     GUIDED = 4
@@ -46,9 +57,15 @@ class Mode(IntEnum):
     RTL = 6
     CIRCLE = 7
     LAND = 9
+    DRIFT = 11
+    FLIP = 14
+    POSHOLD = 16
     BRAKE = 17
+    THROW = 18
     AVOID_ADSB = 19
     GUIDED_NOGPS = 20
+    SMART_RTL = 21
+    ZIGZAG = 24
 
 
 # Numpy integers, because numba recompiles a kernel for every Python integer passed as a constant.
@@ -65,7 +82,10 @@ STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE, AVOID_ADSB,
     19,
     20,
 )
-FLIP, AUTOTUNE, THROW = 14, 15, 18
+ACRO, DRIFT, FLIP, POSHOLD, THROW, SMART_RTL, ZIGZAG = 1, 11, 14, 16, 18, 21, 24
+AUTO_RTL = 27
+"""AUTO that flies the landing sequence: HEARTBEAT reports it, `Mode` does not have it."""
+AUTOTUNE, FLOWHOLD, FOLLOW, SYSTEMID, TURTLE = 15, 22, 23, 25, 28
 """Modes that are refused as if their conditions were not met."""
 
 # Sub-modes of GUIDED.

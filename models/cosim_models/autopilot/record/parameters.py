@@ -14,7 +14,7 @@ from dataclasses import replace
 from cosim import Parameter, Variable
 from cosim.verdict import Role
 
-__all__ = ["PARAMETERS", "STICK_CHANNELS"]
+__all__ = ["CRUMBS", "PARAMETERS", "STICK_CHANNELS"]
 
 _POSITIVE = 1e-3  # lower limit of values that the control laws divide by
 
@@ -126,6 +126,9 @@ POSITION_PARAMETERS = (
     _real("WPNAV_RADIUS", "cm", 200.0, "distance at which a waypoint is reached"),
 )
 
+CRUMBS = 300
+"""Points of the flown path that are kept at most."""
+
 MODE_PARAMETERS = (
     _real("DISARM_DELAY", "s", 10.0, "time armed on the ground until disarming; 0: never"),
     *_rare(
@@ -165,6 +168,28 @@ MODE_PARAMETERS = (
         _real("TKOFF_SLEW_TIME", "s", 2.0, "time from no to full throttle while lifting off"),
         _real("TKOFF_THR_MAX", "1", 0.9, "throttle that counts as lifted off"),
     ),
+)
+
+ACROBATIC_PARAMETERS = _rare(
+    _real("ACRO_RP_RATE", "deg/s", 360.0, "ACRO: roll and pitch rate of the full stick", _POSITIVE),
+    _signed("ACRO_RP_EXPO", "1", 0.3, "ACRO: curve of the roll and pitch sticks, 0: linear", 1.0),
+    _real("ACRO_Y_RATE", "deg/s", 202.5, "ACRO and DRIFT: turn rate of the full stick", _POSITIVE),
+    _signed("ACRO_Y_EXPO", "1", 0.0, "ACRO: curve of the yaw stick", 1.0),
+    _real("ACRO_BAL_ROLL", "1/s", 1.0, "ACRO: rate per roll angle with which the trainer levels", 0.0),
+    _real("ACRO_BAL_PITCH", "1/s", 1.0, "ACRO: rate per pitch angle with which the trainer levels", 0.0),
+    _whole("ACRO_TRAINER", 2, "ACRO: 0 nothing, 1 levels, 2 levels and keeps within ANGLE_MAX", 0, 2),
+    _real("ACRO_THR_MID", "1", 0.0, "ACRO: throttle of the centred stick, 0: hover", 0.0),
+    _real("THROW_ALT_ACSND", "m", 3.0, "THROW: climb after a throw upwards", 0.0),
+    _real("THROW_ALT_DCSND", "m", 1.0, "THROW: descent after a drop", 0.0),
+    _real("THROW_ALT_MIN", "m", 0.0, "THROW: minimum height above home, 0: none"),
+    _real("THROW_ALT_MAX", "m", 0.0, "THROW: maximum height above home, 0: none"),
+    _whole("THROW_MOT_START", 0, "THROW: motors before the throw: 0 stopped, 1 idle", 0, 1),
+    _whole("THROW_NEXTMODE", 18, "THROW: mode after it: 3, 4, 5, 6, 9 or 17; others: none", 0, 28),
+    _whole("THROW_TYPE", 0, "THROW: 0 upwards, 1 dropped", 0, 1),
+    _real("PHLD_BRAKE_RATE", "deg/s", 8.0, "POSHOLD: rate at which braking changes the lean; at least 4"),
+    _real("PHLD_BRAKE_ANGLE", "cdeg", 3000.0, "POSHOLD: maximum lean of braking", 0.0),
+    _real("SRTL_ACCURACY", "m", 2.0, "SMART_RTL: minimum distance between the points that are kept, 0: off", 0.0),
+    _whole("SRTL_POINTS", 300, "SMART_RTL: number of points that are kept, 0: off", 0, CRUMBS),
 )
 
 
@@ -345,6 +370,7 @@ PARAMETERS = tuple(
         SAFETY_PARAMETERS,
         BATTERY_PARAMETERS,
         MODE_PARAMETERS,
+        ACROBATIC_PARAMETERS,
         PILOT_PARAMETERS,
         POSITION_PARAMETERS,
         ATTITUDE_PARAMETERS,

@@ -14,7 +14,7 @@ from cosim_models.autopilot.mission.fences import FENCE_CAPACITY, FENCE_ITEM
 from cosim_models.autopilot.mission.missions import ITEM, MISSION_CAPACITY
 from cosim_models.autopilot.mission.rally import RALLY_CAPACITY, RALLY_ITEM
 from cosim_models.autopilot.record.modes import Mode
-from cosim_models.autopilot.record.parameters import PARAMETERS
+from cosim_models.autopilot.record.parameters import CRUMBS, PARAMETERS
 from cosim_models.autopilot.record.streams import STREAM_COUNT
 
 __all__ = ["CHANNELS", "SERVOS", "VARIABLES"]
@@ -123,6 +123,49 @@ MEMORY = (
     Memory("loiter_brake"),
     Memory("loiter_since"),
     Memory("rtl_stage", dtype="i4"),
+    Memory("return_since", rare=True),  # waiting above the place of return
+    Memory("auto_rtl", dtype="?"),  # AUTO flies the landing sequence as AUTO_RTL
+    Memory("flip_from", dtype="i4", rare=True),  # mode that continues
+    Memory("flip_stage", dtype="i4", rare=True),
+    Memory("flip_since", rare=True),
+    Memory("flip_turn", dtype="i4", shape=2, rare=True),  # direction about roll and pitch
+    Memory("flip_angles", shape=3, rare=True),  # roll, pitch and heading to return to
+    Memory("throw_stage", dtype="i4", rare=True),
+    Memory("throw_done", dtype="?", rare=True),
+    Memory("throw_since", rare=True),  # possible throw, and the climb rate then
+    Memory("throw_climb", rare=True),
+    Memory("drift_brake", rare=True),
+    Memory("drift_stick", rare=True),
+    Memory("hold_stage", dtype="i4", shape=2, rare=True),  # POSHOLD: roll, pitch
+    Memory("hold_lean", shape=2, rare=True),
+    Memory("hold_pilot", shape=2, rare=True),
+    Memory("hold_last", shape=2, rare=True),
+    Memory("hold_since", shape=2, rare=True),
+    Memory("hold_brake", shape=2, rare=True),
+    Memory("hold_brake_most", shape=2, rare=True),
+    Memory("hold_brake_since", shape=2, rare=True),
+    Memory("hold_brake_falls", dtype="u1", shape=2, rare=True),
+    Memory("hold_settling_since", rare=True),
+    Memory("hold_wind", shape=2, rare=True),  # acceleration against it, north and east
+    Memory("hold_wind_lean", shape=2, rare=True),
+    Memory("hold_wind_since", rare=True),
+    Memory("zigzag_moving", dtype="?", rare=True),
+    Memory("zigzag_stored", dtype="u1", shape=2, rare=True),
+    Memory("zigzag_places", shape=(2, 2), rare=True),
+    Memory("crumbs", shape=(CRUMBS, 3), rare=True),
+    Memory("crumb_count", dtype="i4", rare=True),
+    Memory("crumbs_on", dtype="?", rare=True),
+    Memory("crumbs_begun", dtype="?", rare=True),
+    Memory("crumbs_simple", dtype="i4", rare=True),  # points that have been simplified, and searched for loops
+    Memory("crumbs_checked", dtype="i4", rare=True),
+    Memory("crumb_kept", dtype="u1", shape=CRUMBS, rare=True),
+    Memory("crumb_todo", dtype="i4", shape=(CRUMBS, 2), rare=True),
+    Memory("crumb_middle", shape=3, rare=True),
+    Memory("crumb_stored", rare=True),
+    Memory("crumb_known", rare=True),
+    Memory("crumb_next", rare=True),
+    Memory("crumb_taken", dtype="?", rare=True),
+    Memory("crumb_place", shape=3, rare=True),
     Memory("rtl_place", shape=2, rare=True),
     # link
     Memory("payload", dtype="u1", shape=255),

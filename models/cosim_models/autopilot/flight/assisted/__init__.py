@@ -1,0 +1,1 @@
+"""Modes between flight by hand and autonomous flight: DRIFT, POSHOLD and ZIGZAG."""

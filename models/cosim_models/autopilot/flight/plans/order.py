@@ -1,0 +1,125 @@
+"""The order of a mission's commands: jumps, the landing sequence, and the places of items.
+
+Kernels over the autopilot's record `m`.
+
+Source: ArduPilot, AP_Mission.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cosim.frames import local_from_geodetic, radians_from_deg_e7
+from cosim.kernel import kernel
+from cosim.messages import (
+    MAV_CMD_DO_JUMP,
+    MAV_CMD_DO_JUMP_TAG,
+    MAV_CMD_DO_LAND_START,
+    MAV_CMD_JUMP_TAG,
+    MAV_CMD_NAV_WAYPOINT,
+)
+from cosim_models.autopilot.control.position import stopping_ne
+from cosim_models.autopilot.mission.missions import COMMAND, DONE, FRAME, LATITUDE, P1, P2, Z, mission_count
+
+__all__ = ["in_landing_sequence", "is_nowhere", "landing_sequence", "next_command", "place"]
+
+_JUMPS_AT_ONCE = 64
+
+
+@kernel
+def place(m: Any, row: int) -> tuple[float, float, float]:
+    """Returns north, east and up of an item; a missing position (0, 0) or height is replaced by the desired one."""
+    r = m.mission[row]
+    p = m.desired_position_neu
+    n, e, u = p[0], p[1], p[2]
+    if r[LATITUDE] != 0.0 or r[LATITUDE + 1] != 0.0:
+        n, e, _ = local_from_geodetic(
+            radians_from_deg_e7(int(r[LATITUDE])),
+            radians_from_deg_e7(int(r[LATITUDE + 1])),
+            0.0,
+            m.origin_latitude,
+            m.origin_longitude,
+            0.0,
+        )
+    if r[FRAME] == 0.0 or r[FRAME] == 5.0:
+        u = r[Z] - m.origin_altitude
+    elif r[Z] != 0.0 or r[COMMAND] == MAV_CMD_NAV_WAYPOINT:
+        u = r[Z] + m.home_neu[2]
+    return n, e, u
+
+
+@kernel
+def is_nowhere(m: Any, row: int) -> bool:
+    r = m.mission[row]
+    return bool(r[LATITUDE] == 0.0 and r[LATITUDE + 1] == 0.0 and r[Z] == 0.0)
+
+
+@kernel
+def _aim(m: Any, row: int) -> int:
+    """Returns the row that a jump at `row` leads to: by its number, or by its tag; -1 if there is none."""
+    wanted = m.mission[row, P1]
+    if m.mission[row, COMMAND] == MAV_CMD_DO_JUMP:
+        return int(wanted) if 1.0 <= wanted < mission_count(m) else -1
+    for i in range(1, mission_count(m)):
+        if m.mission[i, COMMAND] == MAV_CMD_JUMP_TAG and m.mission[i, P1] == wanted:
+            return i
+    return -1
+
+
+@kernel
+def next_command(m: Any, row: int, taking: bool) -> int:
+    """Returns the command at `row`, or the target of the jumps there; -1 at the end. `taking`: count the jumps."""
+    first_jump = -1
+    for _ in range(_JUMPS_AT_ONCE + m.mission.shape[0]):
+        if row >= mission_count(m):
+            return -1
+        r = m.mission[row]
+        if r[COMMAND] != MAV_CMD_DO_JUMP and r[COMMAND] != MAV_CMD_DO_JUMP_TAG:
+            return row
+        aim = _aim(m, row)
+        if aim < 0 or (not taking and first_jump == row):
+            return -1
+        if first_jump < 0:
+            first_jump = row
+        if r[P2] < 0.0 or r[DONE] < r[P2]:
+            if taking:
+                r[DONE] += 1.0
+            row = aim
+        else:
+            if taking:
+                r[DONE] = 0.0
+            row += 1
+    return -1
+
+
+@kernel
+def landing_sequence(m: Any) -> int:
+    """Returns the row of the DO_LAND_START whose place is nearest to the stopping point; 0 if there is none.
+
+    Without a place of its own, it has that of the next command with a place.
+    """
+    here_n, here_e = stopping_ne(m)
+    best, nearest = 0, 0.0
+    for row in range(1, mission_count(m)):
+        if m.mission[row, COMMAND] != MAV_CMD_DO_LAND_START:
+            continue
+        at = row
+        while at < mission_count(m) and (m.mission[at, LATITUDE] == 0.0 and m.mission[at, LATITUDE + 1] == 0.0):
+            at += 1
+        if at >= mission_count(m):
+            continue
+        n, e, u = place(m, at)
+        gap = (n - here_n) ** 2 + (e - here_e) ** 2 + (u - m.position_neu[2]) ** 2
+        if best == 0 or gap < nearest:
+            best, nearest = row, gap
+    return best
+
+
+@kernel
+def in_landing_sequence(m: Any) -> bool:
+    """Returns whether the current command follows a DO_LAND_START."""
+    found = 0
+    for row in range(1, int(m.mission_current) + 1):
+        if m.mission[row, COMMAND] == MAV_CMD_DO_LAND_START:
+            found += 1
+    return found > 0
