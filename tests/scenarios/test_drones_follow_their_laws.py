@@ -57,6 +57,26 @@ def test_five_fly_in_a_v(flown: Callable[[str], Flight]) -> None:
     assert separation(way).min() > 8.0
 
 
+def test_five_take_the_places_of_a_file(fmus: Path, tmp_path: Path) -> None:
+    """Of the system's parameter file, over a radio that loses 20 %: an arrow behind its leader."""
+    wanted = np.array([[0.0, 0.0], [-9.0, -9.0], [-9.0, 9.0], [-12.0, 0.0], [-24.0, 0.0]])
+    folder = copy_of("formation", tmp_path, fmus)
+    file = folder / "formation.ssv"
+    table = "".join(
+        f'<ssv:Parameter name="drone{i}.agent.place_{axis}[{n}]"><ssv:Real value="{place[k]}"/></ssv:Parameter>\n'
+        for i in range(1, 6)
+        for n, place in enumerate(wanted.tolist(), 1)
+        for k, axis in enumerate(("north", "east"))
+    )
+    text = file.read_text(encoding="utf-8")
+    assert text.count('value="v"') == 5
+    file.write_text(
+        text.replace('value="v"', 'value="table"').replace("</ssv:Parameters>", f"{table}</ssv:Parameters>")
+    )
+    way = places(fly(folder, tmp_path / "out", overrides={"network.loss": "0.2"}))
+    assert way[-1] - way[-1, 0] == pytest.approx(wanted, abs=0.5)
+
+
 def test_six_cover_a_field(flown: Callable[[str], Flight]) -> None:
     """The cost of all cells together decreases, and everybody ends in the middle of a third of a half."""
     flight = flown("coverage")

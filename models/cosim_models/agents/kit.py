@@ -47,8 +47,8 @@ from cosim.messages import (
     encode_set_position_target_global_int,
 )
 from cosim.verdict import Condition, Reason, Role
-from cosim_models.agents.parts.assembly import NO_SUM, Frame, Law, assembled
-from cosim_models.agents.parts.conversation import CONVERSATION, SLACK, ask, reposition, send
+from cosim_models.agents.parts.assembly import NO_SUM, Frame, Hear, Law, assembled
+from cosim_models.agents.parts.conversation import CONVERSATION, SLACK, ask, next_number, reposition, send
 from cosim_models.agents.parts.guard import (
     ACCELERATION,
     NOTHING_NEW,
@@ -74,6 +74,8 @@ __all__ = [
     "agent_kernels",
     "agent_variables",
     "decision",
+    "next_number",
+    "send",
 ]
 
 STEP_SIZE = 0.0125
@@ -148,11 +150,12 @@ _IGNORE_ALL, _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_ACCELERATION = 0x0DFF, 
 _LEVEL_GAIN, _LEVEL_SPEED = 0.5, 1.0  # 1/s and m/s, for the vertical velocity that keeps the altitude
 
 
-def agent_variables(neighbours: int = 16) -> tuple[Variable, ...]:
+def agent_variables(neighbours: int = 16, message_bytes: int = 0) -> tuple[Variable, ...]:
     """Returns the variables of an agent: ports, parameters, outputs and memory.
 
     Args:
         neighbours: largest number of simultaneous neighbours.
+        message_bytes: of the law's own messages in one step, beyond 170.
     """
     return (
         PacketInput("mavlink_rx", capacity=16384, description="from the own autopilot and by radio"),
@@ -168,7 +171,9 @@ def agent_variables(neighbours: int = 16) -> tuple[Variable, ...]:
         *neighbour_variables(neighbours),
         *_PARAMETERS,
         *guard_variables(neighbours),
-        PacketOutput("mavlink_tx", capacity=256, description="to the own autopilot, and a heartbeat to all"),
+        PacketOutput(
+            "mavlink_tx", capacity=256 + message_bytes, description="to the own autopilot, and a heartbeat to all"
+        ),
         *_OUTPUTS,
         *CONVERSATION,
         *SCRIPT,
@@ -432,7 +437,7 @@ _SPACE = Frame(
 )  # fmt: skip
 
 
-def agent_kernels(law: Law) -> tuple[Any, Any]:
+def agent_kernels(law: Law, hear: Hear | None = None) -> tuple[Any, Any]:
     """Returns the kernels of a model that follows `law`.
 
     Args:
@@ -440,6 +445,9 @@ def agent_kernels(law: Law) -> tuple[Any, Any]:
             rows of `near_id`, `near_position`, `near_velocity`, `near_age`, `near_distance`, and the model's own
             variables; writes `setpoint_position`, `setpoint_velocity`, `setpoint_acceleration`; returns which of them
             hold, or minus a key of the model's errors. The set-points initially keep position and altitude: a law in
-            the plane leaves their third elements unchanged.
+            the plane leaves their third elements unchanged. It may send own messages (`send`, `next_number`).
+        hear: a kernel of (record, first byte of a packet in `mavlink_rx`, time [s]), called for every packet received,
+            at all times; the checksums of messages unknown to `cosim.messages` have not been compared. It may
+            overwrite `payload`. None: the law has no own messages.
     """
-    return assembled(_SPACE, law)
+    return assembled(_SPACE, law, hear)

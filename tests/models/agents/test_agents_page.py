@@ -14,11 +14,13 @@ import numpy as np
 import pyarrow.parquet as parquet
 import pytest
 
-from cosim.build import load_models, models_of_package
+from cosim.build import build, load_models, models_of_package
 from cosim.build.sources import sources_of
+from cosim_master.system.authoring.swap import swap
 from cosim_master.system.shipped import templates
 from cosim_models.agents.kit import agent_variables
 from cosim_models.agents.line_agent import LineAgent
+from tests.scenarios.flights import SYSTEMS, fly
 
 PAGE = (Path(__file__).parents[3] / "docs" / "agents.md").read_text(encoding="utf-8")
 COMMON = {v.name for v in agent_variables()}
@@ -38,7 +40,7 @@ def table(title: str) -> dict[str, str]:
 
 @pytest.mark.slow
 def test_the_law_flies_as_printed(fmus: Path, tmp_path: Path) -> None:
-    ((file, content),) = blocks("python")
+    file, content = blocks("python")[0]
     (tmp_path / file).write_text(content)
     ((_, commands),) = blocks("sh")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
@@ -58,9 +60,28 @@ def test_the_law_flies_as_printed(fmus: Path, tmp_path: Path) -> None:
     assert (bearings[:, -1] - bearings[:, seconds] > np.radians(30.0)).all()  # clockwise
 
 
+@pytest.mark.slow
+def test_own_messages_reach_the_neighbours_as_printed(fmus: Path, tmp_path: Path) -> None:
+    """On the ring of `rendezvous`, whose parameter file sets the gain to 0.1: the values follow its Laplacian."""
+    file, content = blocks("python")[1]
+    (tmp_path / file).write_text(content)
+    (model,) = load_models(str(tmp_path / file))
+    build(model, tmp_path)
+    system = swap(SYSTEMS / "rendezvous", "drone*.agent", tmp_path / "Agreement.fmu", tmp_path / "system")
+    first = np.array([1.0, 2.0, 3.0, 4.0, 40.0])
+    overrides = {f"drone{n}.agent.first": f"{value}" for n, value in enumerate(first.tolist(), 1)}
+    flight = fly(system, tmp_path / "out", overrides={**overrides, "drone*.agent.altitude": "2"}, until=22.5)
+    values = np.array([flight[f"drone{n}.agent.value"] for n in range(1, 6)])
+    ring = 2.0 * np.eye(5) - np.roll(np.eye(5), 1, axis=0) - np.roll(np.eye(5), -1, axis=0)
+    for step in range(12):
+        row = int(np.argmin(np.abs(flight["time"] - (20.1 + 0.2 * step))))
+        expected = np.linalg.matrix_power(np.eye(5) - 0.1 * ring, step) @ first
+        assert values[:, row] == pytest.approx(expected, abs=1e-4)  # single precision, step by step
+
+
 def test_the_kit_is_among_the_sources_of_a_law_outside_of_the_package(tmp_path: Path) -> None:
     """An FMU of the law is up to date only as long as the kit is the same, and an interpreted one brings it along."""
-    ((_, content),) = blocks("python")
+    _, content = blocks("python")[0]
     file = tmp_path / "pursuit_sources.py"
     file.write_text(content)
     (model,) = load_models(str(file))
@@ -70,7 +91,7 @@ def test_the_kit_is_among_the_sources_of_a_law_outside_of_the_package(tmp_path: 
 
 
 def test_the_law_has_as_many_lines_as_are_promised() -> None:
-    ((_, content),) = blocks("python")
+    _, content = blocks("python")[0]
     law = content.split("@kernel\n")[1].split("class ")[0].strip().splitlines()
     assert len(law) <= 20
 

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim import Model, Parameter, kernel
+from cosim import Model, Output, Parameter, kernel
+from cosim.messages import NAMED_VALUE_FLOAT, decode_named_value_float, encode_named_value_float
+from cosim.packets import message_id, pack, system, unpack
 from cosim_models.agents.kit import (
     ACCELERATION,
     ERRORS,
@@ -21,6 +23,8 @@ from cosim_models.agents.kit import (
     agent_kernels,
     agent_variables,
     decision,
+    next_number,
+    send,
 )
 from cosim_models.agents.parts.script import AgentState, Failure
 
@@ -378,3 +382,72 @@ def test_two_laws_over_one_record_do_not_share_machine_code() -> None:
     """Code of kernels is kept in files by place and arguments, which are the same for both."""
     m = Agent4.record()
     assert [decision(law)(m, 0.0) for law in (one, two)] == [1, 2]
+
+
+# ---- own messages ------------------------------------------------------------------------------------------------
+
+
+@kernel
+def hear_value(m: Any, begin: int, t: float) -> None:
+    """Counts all packets, and keeps sender and value of the last NAMED_VALUE_FLOAT."""
+    m.packets += 1
+    if message_id(m.mavlink_rx, begin) == NAMED_VALUE_FLOAT:
+        unpack(m.mavlink_rx, begin, m.payload)
+        m.value, m.sender, m.at = decode_named_value_float(m.payload)[1], system(m.mavlink_rx, begin), t
+
+
+@kernel
+def tell_values(m: Any, t: float, h: float) -> int:
+    """Sends as many values as the parameter says, the last with a number of its own."""
+    for i in range(m.many):
+        encode_named_value_float(m.payload, int(1000.0 * t), float(i))
+        send(m, NAMED_VALUE_FLOAT)
+    encode_named_value_float(m.payload, int(1000.0 * t), 99.0)
+    m.mavlink_tx_len = pack(
+        m.mavlink_tx, m.mavlink_tx_len, m.payload, NAMED_VALUE_FLOAT, next_number(m), m.sysid, 191, 2
+    )
+    return VELOCITY
+
+
+class Teller(Model):
+    """An agent of the kit with own messages."""
+
+    step_size = STEP_SIZE
+    variables = (
+        *agent_variables(neighbours=CAPACITY, message_bytes=100),
+        Parameter("many", type=int, start=2),
+        *(Output(name, type=int, start=0) for name in ("packets", "sender")),
+        *(Output(name, start=0.0) for name in ("value", "at")),
+    )
+    kernels = agent_kernels(tell_values, hear_value)
+    errors = ERRORS
+
+
+def test_own_messages_are_sent_by_the_law_and_heard_at_all_times() -> None:
+    start, advance = Teller.kernels
+    m = Teller.record()
+    assert start(m) == 0
+    pilot, other, parser = Node(1), Node(7), mavlink.MAVLink(None)
+    value = other(mavlink.MAVLink_named_value_float_message(0, b"x", 2.5))
+    unknown = bytearray(value)
+    unknown[7:10] = (42101).to_bytes(3, "little")  # an id of nobody, its checksum wrong for whoever knows it
+    data = pilot.heartbeat() + value + other.position(1.0, 2.0) + bytes(unknown)
+    broken = bytearray(value)
+    broken[-1] ^= 1
+    data += bytes(broken)
+    m.mavlink_rx[: len(data)] = np.frombuffer(data, dtype=np.uint8)
+    m.mavlink_rx_len = len(data)
+    assert advance(m, 0.25, STEP_SIZE) == 0
+    assert (m.packets, m.value, m.sender, m.at) == (4, 2.5, 7, 0.25)
+    assert m.heard and m.heard_id[0] == 7  # the kit has its own part of them
+    m.state, m.position_heard, m.mavlink_rx_len, m.first_step_time = Task.flying, 0.25, 0, 0.3
+    m.armed = m.guided = True
+    assert advance(m, 0.4, STEP_SIZE) == 0
+    sent = parser.parse_buffer(m.mavlink_tx[: m.mavlink_tx_len].tobytes()) or []
+    kinds = [one.get_type() for one in sent]
+    assert kinds == ["NAMED_VALUE_FLOAT"] * 3 + ["SET_POSITION_TARGET_GLOBAL_INT"]
+    assert [one.value for one in sent[:3]] == [0.0, 1.0, 99.0]
+    assert {(one.get_srcSystem(), one.get_srcComponent()) for one in sent} == {(1, 191)}
+    assert np.diff([one.get_seq() for one in sent]).tolist() == [1, 1, 1]
+    (port,) = [one for one in Teller.variables if one.name == "mavlink_tx"]
+    assert port.capacity == 356

@@ -11,17 +11,21 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from cosim.kernel import kernel
+from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, UNKNOWN, find
 from cosim_models.agents.parts.conversation import NOBODY, heartbeat, next_position
 from cosim_models.agents.parts.guard import ACCELERATION, NOTHING_NEW, POSITION, VELOCITY
 from cosim_models.agents.parts.script import AgentState, prepare, supervise
 
-__all__ = ["NO_SUM", "Frame", "Law", "assembled"]
+__all__ = ["NO_SUM", "Frame", "Hear", "Law", "assembled"]
 
 NO_SUM = 4
 """Code of the error of a law that returns no sum of POSITION, VELOCITY and ACCELERATION."""
 
 Law = Callable[[Any, float, float], int]
 """A kernel of (record, time [s], period [s]); returns which set-points hold, or minus the code of an error."""
+
+Hear = Callable[[Any, int, float], None]
+"""A kernel of (record, first byte of a packet in `mavlink_rx`, time [s]) that takes own messages."""
 
 _ARMING, _TAKEOFF, _READY = int(AgentState.arming), int(AgentState.takeoff), int(AgentState.ready)
 _ALL = POSITION + VELOCITY + ACCELERATION
@@ -54,13 +58,30 @@ class Frame(NamedTuple):
     """(m, now): updates outputs at the end of a step"""
 
 
-def assembled(frame: Frame, law: Law) -> tuple[Any, Any]:
-    """Returns the kernels of a model that follows `law` in `frame`."""
+def _with_own_messages(receive: Callable[[Any, float], None], hear: Hear) -> Callable[[Any, float], None]:
+    """Returns a kernel of (m, now) that receives, and then hands every packet to `hear`."""
+
+    @kernel
+    def receive_all(m: Any, now: float) -> None:
+        receive(m, now)
+        p = 0
+        while True:
+            begin, p, status = find(m.mavlink_rx, p, m.mavlink_rx_len)
+            if status in (NOTHING, TRUNCATED):
+                return
+            if status in (GOOD, SIGNED, UNKNOWN):
+                hear(m, begin, now)
+
+    return receive_all
+
+
+def assembled(frame: Frame, law: Law, hear: Hear | None = None) -> tuple[Any, Any]:
+    """Returns the kernels of a model that follows `law` in `frame`, and takes own messages by `hear`."""
     own, other, begins, ends, rises, armed = frame[1:7]
     follow, steer, finish, decide = frame.follow, frame.steer, frame.finish, frame.decide(law)
 
     @kernel
-    def receive(m: Any, now: float) -> None:
+    def positions(m: Any, now: float) -> None:
         sender, p = next_position(m, 0)
         while sender != NOBODY:
             if sender == m.sysid:
@@ -68,6 +89,8 @@ def assembled(frame: Frame, law: Law) -> tuple[Any, Any]:
             else:
                 other(m, sender, now)
             sender, p = next_position(m, p)
+
+    receive = positions if hear is None else _with_own_messages(positions, hear)
 
     @kernel
     def is_due(m: Any, now: float) -> bool:

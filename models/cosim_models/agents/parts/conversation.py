@@ -57,6 +57,7 @@ __all__ = [
     "SLACK",
     "ask",
     "heartbeat",
+    "next_number",
     "next_position",
     "reposition",
     "send",
@@ -161,6 +162,14 @@ def send(m: Any, message: int) -> None:
         m.mavlink_tx, m.mavlink_tx_len, m.payload, message, m.sent, m.sysid, MAV_COMP_ID_ONBOARD_COMPUTER, 2
     )
     m.sent = (m.sent + 1) & 0xFF
+
+
+@kernel
+def next_number(m: Any) -> int:
+    """Returns the sequence number of the next packet, which the caller packs itself, and counts it."""
+    number = int(m.sent)
+    m.sent = (number + 1) & 0xFF
+    return number
 
 
 @kernel
