@@ -6,6 +6,7 @@ import json
 import threading
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.outcome.result import RunResult
@@ -14,19 +15,26 @@ from cosim_master.execution.simulate import simulate, take_part
 
 
 def run_in_parts(
-    system: Path, options: RunOptions, parts: int, *, others: Sequence[RunOptions] = (), seconds: float = 600.0
+    system: Path,
+    options: RunOptions,
+    parts: int,
+    *,
+    others: Sequence[RunOptions] = (),
+    seconds: float = 600.0,
+    **more: Any,
 ) -> tuple[RunResult, list[BaseException]]:
     """The result of part 0, and the errors that ended other parts.
 
     Args:
         others: options of the parts after the first, if they differ.
+        more: further arguments of `simulate`.
     """
     transports = local_transports(parts, seconds)
     errors: list[BaseException] = []
 
     def part(number: int) -> None:
         try:
-            take_part(system, others[number - 1] if others else options, transports[number])
+            take_part(system, others[number - 1] if others else options, transports[number], mailbox="mailbox" in more)
         except BaseException as error:
             errors.append(error)
         finally:
@@ -36,7 +44,7 @@ def run_in_parts(
     for thread in threads:
         thread.start()
     try:
-        result = simulate(system, options, transport=transports[0])
+        result = simulate(system, options, transport=transports[0], **more)
     finally:
         transports[0].close(abort=False)
         for thread in threads:

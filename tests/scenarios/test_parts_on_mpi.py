@@ -17,6 +17,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.scenarios.flights import SYSTEMS, fly
+from tests.scenarios.swarm import running as listening
+from tests.scenarios.test_pymavlink_flies import PACE, Client
 from tests.scenarios.test_run_in_parts import same
 
 pytest.importorskip("mpi4py")
@@ -158,6 +160,17 @@ def test_it_is_started_twice(fmus: Path, tmp_path: Path) -> None:
             _, error = second.process.communicate(timeout=LIMIT)
         assert second.process.returncode == 2
         assert "holds a run that goes on; give another folder" in error
+
+
+def test_a_client_flies_a_vehicle_of_another_part(fmus: Path, tmp_path: Path) -> None:
+    """The port of drone 5 is open in part 0; commands and telemetry cross to part 1."""
+    with listening(tmp_path / "out", "--partitions", "2", "--ports", "tcp:0", pace=PACE) as swarm:
+        client = Client(f"tcp:127.0.0.1:{swarm.port('@drone5')}", 5)
+        client.take_off(5.0)
+        client.link.close()
+        manifest = swarm.stop()
+    assert "drone5" in manifest["parts"][1]["units"]
+    assert manifest["gateways"]["@drone5"]["received"] >= 4
 
 
 def test_a_wrong_system_is_reported_once(fmus: Path, tmp_path: Path) -> None:

@@ -5,16 +5,23 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_master.execution.options import RunOptions
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import Listener, RunOptions
+from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.simulate import simulate
+from cosim_master.network.gateways.mailbox import Mailbox
+from cosim_master.stepping.control import Control
 from cosim_master.system.authoring.swarm.new import new_system
+from cosim_master.system.settings.changes import Change
 from tests.master.parts import assigned, run_in_parts
 from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
 
@@ -168,3 +175,88 @@ def test_a_run_goes_on_in_other_parts_or_in_one_process(lossy: tuple[Path, Fligh
         mine, its = (json.loads((folder / "manifest.json").read_text()) for folder in (whole.folder, found))
         assert its["packets"] == mine["packets"]
         assert its["verdict"] == mine["verdict"]
+
+
+def in_log(log: Path, skipped: int) -> list[bytes]:
+    """The packets of MAVLink 2 in a .tlog, sorted, without so many bytes of their times."""
+    content, at, found = log.read_bytes(), 0, []
+    while at < len(content):
+        begin, at = at, at + 8 + 12 + content[at + 9]
+        assert content[begin + 8] == 0xFD
+        found.append(content[begin + skipped : at])
+    return sorted(found)
+
+
+# ---- users ----------------------------------------------------------------------------------------------------------
+
+
+def test_gateways_that_only_listen_hear_all_parts(fmus: Path, tmp_path: Path) -> None:
+    """A ground station and a port per drone, in part 0: the same packets reach them as in one process."""
+    system = copy_of("line5", tmp_path, fmus, LOSSY)
+    options = RunOptions(out=tmp_path / "whole", until=12.0, gcs=["udpin:0"], ports="tcp:0")
+    whole = simulate(system, options)
+    file = assigned(tmp_path / "parts.json", DRONES, [0, 1, 2, 1, 0])
+    result, errors = run_in_parts(system, replace(options, out=tmp_path / "parts", assignment=file), 3)
+    assert (whole.outcome, result.outcome, errors) == ("done", "done", [])
+    logs = [tmp_path / "whole" / "packets.tlog", *(tmp_path / "whole" / "packets").glob("@*.tlog")]
+    assert len(logs) == 7
+    for log in logs:  # those of gateways have times of the wall clock; in the other one, packets of one time may swap
+        its = tmp_path / "parts" / log.relative_to(tmp_path / "whole")
+        skipped = 8 if log.name.startswith("@") else 0
+        assert in_log(its, skipped) == in_log(log, skipped) != []
+        log.unlink()
+        its.unlink()
+    same(tmp_path / "whole", tmp_path / "parts")
+    crossed = [{name: n for name, n in one.items() if name != "address"} for one in whole.gateways.values()]
+    assert [{name: n for name, n in one.items() if name != "address"} for one in result.gateways.values()] == crossed
+    assert sum(one["not taken"] for one in crossed) > 200
+
+
+def test_a_packet_from_the_mailbox_is_answered_in_another_part(fmus: Path, tmp_path: Path) -> None:
+    mailbox, answers = Mailbox(), list[bytes]()
+    mailbox.answered = answers.extend
+    speaker = mavlink.MAVLink(None, srcSystem=250, srcComponent=190)
+    for drone in (2, 5):
+        asked = mavlink.MAVLink_command_long_message(
+            drone, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, 0, 0, 0, 0, 0, 0
+        )
+        mailbox.post(asked.pack(speaker))
+    file = assigned(tmp_path / "parts.json", DRONES, [0, 0, 0, 1, 1])
+    options = RunOptions(out=tmp_path / "out", until=2.0, assignment=file)
+    result, errors = run_in_parts(SYSTEMS / "line5", options, 2, mailbox=mailbox)
+    assert (result.outcome, errors) == ("done", [])
+    found = [mavlink.MAVLink(None).parse_buffer(packet)[0] for packet in answers]
+    results = {one.get_srcSystem(): one.result for one in found if one.get_type() == "COMMAND_ACK"}
+    assert results == {2: mavlink.MAV_RESULT_ACCEPTED, 5: mavlink.MAV_RESULT_ACCEPTED}
+    assert result.gateways["@page"]["received"] == 2
+    # The manifest names the instants at which all parts had the packets: a run in one process repeats them.
+    posted = json.loads((tmp_path / "out" / "manifest.json").read_text())["posted"]
+    rows = [one for one in pq.read_table(tmp_path / "out" / "packets.parquet").to_pylist() if one["source"] == "@page"]
+    assert [one["sent"] for one in rows] == [one["time"] for one in posted] == [0.02, 0.02]
+    again = RunOptions(out=tmp_path / "again", until=2.0, replay=tmp_path / "out")
+    assert simulate(SYSTEMS / "line5", again).outcome == "done"
+    assert (tmp_path / "again" / "signals.parquet").read_bytes() == (tmp_path / "out" / "signals.parquet").read_bytes()
+    with pytest.raises(SystemDescriptionError, match="--replay: packets enter the parts of a run at the ends of win"):
+        run_in_parts(SYSTEMS / "line5", replace(again, out=None), 2)
+
+
+def test_values_that_users_set_reach_their_part(fmus: Path, tmp_path: Path) -> None:
+    """The same values, set by --at in one process at the times that the run in parts names, give the same bits."""
+    control, wanted = Control(), {"drone1.vehicle.wind[1]": 4.0, "drone5.vehicle.wind[2]": -3.0}
+
+    def prepared(ready: Prepared) -> None:
+        names = [one.name for one in ready.checked.instances]
+        for name, value in wanted.items():
+            vehicle, variable = name.rsplit(".", 1)
+            found = ready.checked.instances[names.index(vehicle)].fmu.variables[variable]
+            control.change(Change(0, names.index(vehicle), found, value))
+
+    file = assigned(tmp_path / "parts.json", DRONES, [0, 0, 0, 1, 1])
+    options = RunOptions(out=tmp_path / "parts", until=8.0, assignment=file)
+    listener = Listener(prepared=prepared)
+    result, errors = run_in_parts(SYSTEMS / "line5", options, 2, control=control, listener=listener)
+    assert (result.outcome, errors) == ("done", [])
+    assert [time for time, _ in control.made] == [0.02, 0.02]
+    at = [(time, name, str(value)) for (time, _), (name, value) in zip(control.made, wanted.items(), strict=True)]
+    fly(SYSTEMS / "line5", tmp_path / "whole", until=8.0, at=at)
+    same(tmp_path / "whole", tmp_path / "parts")

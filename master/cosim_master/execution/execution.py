@@ -34,6 +34,7 @@ from cosim_master.stepping.kernels.tables import RUNNING
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.strings import failing
 from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
@@ -102,7 +103,7 @@ class Execution:
         if checkpoint is not None:
             self._resume(checkpoint)
         self._algorithm.prepare()
-        port = GatewayPort(self.state, self.blocks)
+        self._port = port = GatewayPort(self.state, self.blocks)
         self.admit, self.take, self.waiting = port.admit, port.take, port.waiting
         if self.network.gateways:
             port.compile()
@@ -139,6 +140,11 @@ class Execution:
         return self._algorithm.k
 
     @property
+    def entry(self) -> int:
+        """The base step before which packets that are admitted now enter the network."""
+        return self.k
+
+    @property
     def time(self) -> float:
         """Simulation time reached, s."""
         return self.state.time
@@ -161,6 +167,10 @@ class Execution:
                 self.state.event_mode.change(change)
             changed = True
         return changed
+
+    def request(self, change: Change) -> float | None:
+        """Adds a value to be set as soon as possible; see `Agenda.request`."""
+        return self.agenda.request(change, self.k, self.clock)
 
     def settle(self) -> Saved:
         """Steps to the next communication point of the system's own grid, if the run is between two; returns its state.

@@ -293,7 +293,7 @@ def run(
                 execution.conclude()
                 break
             for change in control.take_changes():
-                control.made.append((execution.agenda.request(change, execution.k, clock), change))
+                control.made.append((execution.request(change), change))
             if gateways:
                 gateways.exchange(execution)
             stop_at = gateways.before(held.after(execution.k))

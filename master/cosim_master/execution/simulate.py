@@ -175,7 +175,7 @@ class _Run:
         """
         if transport is None:
             return self
-        refuse_options(self.options, self.mailbox is not None)
+        refuse_options(self.options, replayed=self.replayed)
         found = self.options.assignment
         assignment = None if found is None else read_assignment(found, transport.parts)
         chosen = cut(self.ready, transport.parts, assignment)
@@ -392,8 +392,11 @@ class _Run:
         return result
 
 
-def take_part(system: str | PathLike[str], options: RunOptions, transport: Transport) -> None:
+def take_part(system: str | PathLike[str], options: RunOptions, transport: Transport, *, mailbox: bool = False) -> None:
     """Runs a part of a system other than part 0, whose `simulate` has the same system and options.
+
+    Args:
+        mailbox: whether that `simulate` has a mailbox.
 
     Raises:
         Refused: the run does not begin; part 0 says why.
@@ -408,7 +411,8 @@ def take_part(system: str | PathLike[str], options: RunOptions, transport: Trans
             structure = opened.enter_context(read_system(system, options.variant))
             if checkpoint is not None:
                 options = going_on(options, checkpoint, structure)
-            one = _planned(structure, options, checkpoint, Listener(), Control(), None).in_parts(transport)
+            one = _planned(structure, options, checkpoint, Listener(), Control(), Mailbox() if mailbox else None)
+            one = one.in_parts(transport)
         execution = one.opened(WatchedCalls(), Scene())
         assert isinstance(execution, PartExecution)
         with execution:

@@ -92,14 +92,18 @@ def part_of(parts: int | None, file: Path | None, seconds: float) -> Transport |
     return transport
 
 
-def serve_part(system: str, options: RunOptions, transport: Transport) -> NoReturn:
-    """Runs a part other than part 0 to its end, and exits; a lost part ends all others."""
+def serve_part(system: str, options: RunOptions, transport: Transport, *, mailbox: bool) -> NoReturn:
+    """Runs a part other than part 0 to its end, and exits; a lost part ends all others.
+
+    Args:
+        mailbox: whether part 0 takes packets of the live page or of ROS.
+    """
     from cosim_master.execution.partitions.transport import PartLost
     from cosim_master.execution.simulate import take_part
 
     lost = False
     try:
-        take_part(system, options, transport)
+        take_part(system, options, transport, mailbox=mailbox)
     except PartLost:
         lost = True
         with suppress(PartLost):  # part 0 completes its files, and then ends all parts

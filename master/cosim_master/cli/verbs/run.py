@@ -297,13 +297,14 @@ def run(
             isolation=chosen_isolation(isolate, step_timeout, memory_limit, restart_crashed, host),
             gcs=gcs or (), ports=ports, assignment=partition_file,
         )  # fmt: skip
+        entered = view or ros1 is not None or ros2 is not None
         if transport is not None and transport.part != 0:
-            serve_part(system, options, transport)
+            serve_part(system, options, transport, mailbox=entered)
         with ExitStack() as opened:
             mailbox = Mailbox()
             live = opened.enter_context(shown_live(options, mailbox, open_browser=not no_open)) if view else None
             others = opened.enter_context(served(foxglove, ros1, ros2, mailbox))
-            sent = mailbox if view or ros1 is not None or ros2 is not None else None
+            sent = mailbox if entered else None
             opened.push(left(transport))
             result = _simulate(system, options, doing, live, others, sent, transport)
             if live is not None:

@@ -80,6 +80,8 @@ class Cut:
         """Returns the share of a part."""
         reals, ints = self.passed_on(part, layout, network)
         nodes = frozenset(n for n, one in enumerate(self.of_node) if one != part)
+        if part != 0:  # gateways have their sockets in part 0
+            nodes |= {len(self.of_node) + g for g in range(len(network.gateways))}
         return Share(self.elsewhere(part), nodes, tuple(reals), tuple(ints), self.window)
 
     def passed_on(self, part: int, layout: Layout, network: Network) -> tuple[list[int], list[int]]:

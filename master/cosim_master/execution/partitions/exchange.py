@@ -68,7 +68,8 @@ class Exchange:
         self._state, self._blocks, self._part, self._cut = state, blocks, part, cut
         radio, network = state.radio, state.network
         self._heard = np.array(radio.endpoints["heard"])
-        owner = np.array([cut.of_node[n] for n in radio.endpoints["node"]], dtype=np.int64)
+        of_node = [*cut.of_node, *(part for _ in network.gateways)]  # each part has its own side of a gateway
+        owner = np.array([of_node[n] for n in radio.endpoints["node"]], dtype=np.int64)
         self._own = owner == part
         self._hears = self._hearing_parts()
         self._positions = np.zeros(max(3 * len(network.nodes), 1))

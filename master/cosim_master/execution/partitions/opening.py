@@ -24,16 +24,17 @@ __all__ = ["failing_openly", "periods_of", "refuse_options", "started", "told_ot
 _WORTH_THREADS = 64
 
 
-def refuse_options(options: RunOptions, live: bool) -> None:
-    """Raises SystemDescriptionError if a run in parts cannot have one of its options; `live`: --view."""
+def refuse_options(options: RunOptions, *, replayed: bool) -> None:
+    """Raises SystemDescriptionError if a run in parts cannot have one of its options.
+
+    Args:
+        replayed: whether packets of an earlier run enter.
+    """
     refused = {
-        "--gcs": bool(options.gcs),
-        "--ports": options.ports is not None,
-        "--profile": options.profile,
-        "packets of real programs (--view, --ros1, --ros2)": live,
+        "--profile": (options.profile, "the profile of one part tells nothing of the others; profile the system"),
+        "--replay": (replayed, "packets enter the parts of a run at the ends of windows only; repeat the run"),
     }
-    text = "a run in parts does not support it yet; run the system in one process"
-    problems = [Problem(Where(name), text) for name, given in refused.items() if given]
+    problems = [Problem(Where(name), f"{text} in one process") for name, (given, text) in refused.items() if given]
     if problems:
         raise SystemDescriptionError(problems)
 

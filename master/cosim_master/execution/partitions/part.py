@@ -36,6 +36,7 @@ from cosim_master.stepping.confining import outputs_of_part
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.observation import Packets, Rows, Seen
 from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
@@ -86,6 +87,8 @@ class Report:
             None if it has not.
         outputs: at an instant, the values of all its outputs (reals, integers).
         state: at an instant with a checkpoint, what the part alone knows.
+        leaving: packets that have arrived at each gateway.
+        unread: of each gateway, packets of real programs that have not been read yet.
     """
 
     k: int
@@ -95,13 +98,29 @@ class Report:
     failed: tuple[int, tuple[tuple[Any, ...], ...]] | None
     outputs: tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]] | None = None
     state: PartState | None = None
+    leaving: tuple[bytes, ...] = ()
+    unread: tuple[int, ...] = ()
+
+
+@dataclass(slots=True)
+class Requests:
+    """What users ask for while a run goes on; all parts learn it at the same base step.
+
+    Attributes:
+        entering: packets of real programs, with the numbers of their gateways.
+        changes: values to be set, with the base step from which they are set.
+    """
+
+    entering: list[tuple[int, Sequence[bytes]]] = field(default_factory=list)
+    changes: list[tuple[Change, int]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message to another part at the end of a window; `ending` and `over` come from part 0 only.
+    """A message to another part at the end of a window; the attributes after `report` come from part 0 only.
 
     Attributes:
+        requests: what users ask for, of all parts.
         ending: the window after this one is the last; its end is an instant.
         over: the run is over: there is no such window.
     """
@@ -110,6 +129,7 @@ class Message:
     report: Report | None = None
     ending: bool = False
     over: bool = False
+    requests: Requests | None = None
 
 
 class PartExecution(Execution):
@@ -141,7 +161,8 @@ class PartExecution(Execution):
         self._at, self._replayed, self._saving = -1, -1, 0
         self._first = 0 if setup.checkpoint is None else setup.checkpoint.k
         self._saved: Saved | None = None
-        self._open: list[tuple[int, list[Given | None]]] = []
+        self._open: list[tuple[int, list[Given | None], Requests]] = []
+        self._requests = Requests()
         self._periods: tuple[int, ...] = ()
         self._ending = self._last_window = self._dismissed = self._begun = self.over = False
         self._failure: tuple[int, tuple[tuple[Any, ...], ...]] | None = None
@@ -196,9 +217,9 @@ class PartExecution(Execution):
         while self._at < stop and not self.over:
             self._window(self._boundary())
 
-    def _boundary(self) -> int:
-        """Returns the end of the next window."""
-        k = self._at
+    def _boundary(self, k: int | None = None) -> int:
+        """Returns the end of the window that begins at base step `k`; None: the next one."""
+        k = self._at if k is None else k
         instants = [(k // period + 1) * period for period in self._periods]
         return min([k + self.cut.window, self.clock.steps, *instants])
 
@@ -242,14 +263,19 @@ class PartExecution(Execution):
         given: list[Given | None] = [*self._exchange.outgoing()]
         report = self._report()
         for other in self._others:
-            message = Message(given[other], report if other == 0 else None, self._ending)
+            asked = self._requests if self.part == 0 else None
+            message = Message(given[other], report if other == 0 else None, self._ending, requests=asked)
             self.transport.send(other, pickle.dumps(message, protocol=5))
         own = [given[self.part] if p == self.part else None for p in range(self.cut.parts)]
-        self._open.append((self._at, own))
+        self._open.append((self._at, own, self._requests))
+        self._requests = Requests()
         if self.part == 0:
             self.reported(0, report)
 
     def _report(self) -> Report:
+        gateways = range(len(self.network.gateways))
+        leaving = tuple(self._port.take(g) for g in gateways)
+        unread = tuple(self._port.waiting(g) for g in gateways)
         self._mine.rows()
         self._mine.packets()
         collected = self._collected
@@ -258,12 +284,13 @@ class PartExecution(Execution):
         )
         for name in ("ticks", "reals", "ints", "texts", "events", "log"):
             setattr(collected, name, [])
-        return Report(self._at, self._replayed, kept, np.array(self.state.radio.counters), self._failure)
+        counters = np.array(self.state.radio.counters)
+        return Report(self._at, self._replayed, kept, counters, self._failure, leaving=leaving, unread=unread)
 
     def _take(self) -> None:
         """Takes the messages of the oldest window that is open, and replays its packets."""
         assert self._exchange is not None
-        end, given = self._open[0]
+        end, given, requests = self._open[0]
         for other in self._others:
             message: Message = pickle.loads(self.transport.receive(other))
             if message.over:
@@ -271,12 +298,18 @@ class PartExecution(Execution):
                 self._open.clear()
                 return
             given[other] = message.given
+            requests = message.requests or requests
             self._last_window = self._last_window or message.ending
             if message.report is not None:
                 self.reported(other, message.report)
         self._open.pop(0)
         self._exchange.take([one for one in given if one is not None])
         self._replayed = end
+        for gateway, packets in requests.entering:
+            self._port.admit(gateway, packets)
+        if self.part != 0:
+            for change, k in requests.changes:
+                self.agenda.request(change, k, self.clock)
 
     def _meet(self, *, last: bool) -> None:
         """Reports the values of an instant to part 0, where the packets sent until then have been replayed."""

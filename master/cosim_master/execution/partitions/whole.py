@@ -26,6 +26,7 @@ from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.observation import PacketObserver, Packets, RowObserver, Rows
 from cosim_master.stepping.plan import rows_of_block
 from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
@@ -237,8 +238,10 @@ class WholeExecution(PartExecution):
         self._late: list[FmuError] = []
         self._said: tuple[str, ...] = ()
         self._lost: set[int] = set()
+        self._leaving: dict[int, bytes] = {}
         super().__init__(transport, cut, checked, clock, layout, network, setup)
         self._own_blocks, self.blocks = self.blocks, _Recorded(self)  # type: ignore[assignment]
+        self.admit, self.take, self.waiting = self._admit, self._left, self._unread
 
     @property
     def _mine(self) -> Blocks:
@@ -271,10 +274,42 @@ class WholeExecution(PartExecution):
     def reported(self, part: int, report: Report) -> None:
         self._reports[part] = report
         self._whole.add(part, report)
+        for g, packets in enumerate(report.leaving):
+            self._leaving[g] = self._leaving.get(g, b"") + packets
         if report.outputs is not None:
             self._meeting = report.k
             reals, ints = self._places[part]
             self.plan.real_out[reals], self.plan.int_out[ints] = report.outputs
+
+    # ---- users: gateways and requests --------------------------------------------------------------------------------
+
+    @property
+    def entry(self) -> int:
+        """The base step at which all parts have the packets that are admitted now."""
+        if self._at < 0:
+            return self._first
+        k = self._boundary()
+        return k if self.is_instant(k) or not self.cut.hidden else self._boundary(k)
+
+    def _admit(self, gateway: int, packets: Sequence[bytes]) -> None:
+        """Lets packets enter all parts at the same time: where they replay the packets of the present window."""
+        if packets:
+            self._requests.entering.append((gateway, list(packets)))
+
+    def _left(self, gateway: int) -> bytes:
+        return self._leaving.pop(gateway, b"")
+
+    def _unread(self, gateway: int) -> int:
+        known = [one for one in self._reports if one is not None and one.unread]
+        return sum(one.unread[gateway] for one in known)
+
+    def request(self, change: Change) -> float | None:
+        """Adds a value to be set when all parts know of it: two windows later."""
+        k = max(self._at, 0) + 2 * self.cut.window
+        self._requests.changes.append((change, k))
+        return self.agenda.request(change, k, self.clock)
+
+    # ---- windows -----------------------------------------------------------------------------------------------------
 
     def _window(self, end: int) -> None:
         try:

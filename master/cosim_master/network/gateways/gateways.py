@@ -59,6 +59,10 @@ class Air(Protocol):
     def k(self) -> int:
         """The base step that the run has reached."""
 
+    @property
+    def entry(self) -> int:
+        """The base step before which packets that are admitted now enter the network."""
+
     def admit(self, gateway: int, packets: Sequence[bytes]) -> None:
         """Admits packets that the gateway with this number received, at the current time."""
 
@@ -327,9 +331,9 @@ class Gateways:
                 crossing.counts["held back"] += 1  # they remain in the socket: TCP clients will wait
             else:
                 packets = crossing.incoming()
-                air.admit(g, packets)
                 if mailbox is not None:
-                    mailbox.admitted += [(air.k, packet) for packet in packets]
+                    mailbox.admitted += [(air.entry, packet) for packet in packets]
+                air.admit(g, packets)
             crossing.outgoing(air.take(g))
 
     def before(self, stop: int) -> int:

@@ -116,6 +116,8 @@ def _from_gateway(
         wanted = wanted or _wants(r, g, j, to_system)
     if not wanted:
         return False
+    if r.nodes[n].elsewhere != 0:
+        return True
     arrival, outcome = over_link(r, t, g, w.endpoint, n, n)
     record_event(r, t, arrival, w.endpoint, n, buf, start, stop, outcome)
     logged = 0 if outcome == ON_BOARD else COUNTED
@@ -159,6 +161,8 @@ def admit(r: Radio, reals: NDArray[np.float64], t: int, g: int, buf: NDArray[np.
     w = r.gateways[g]
     e = w.endpoint
     p = 0
+    turn = 0
+    here = r.nodes[r.endpoints[e].node].elsewhere == 0
     while p < n:
         start, stop, status = find(buf, p, n)
         p = stop
@@ -167,7 +171,8 @@ def admit(r: Radio, reals: NDArray[np.float64], t: int, g: int, buf: NDArray[np.
             _, to_system = _own_message(r, buf, start)
         r.endpoints[e].heard = system(buf, start)
         w.systems[system(buf, start)] = 1
-        log_packet(r, t, r.endpoints[e].node, 1, buf, start, stop)
+        if here:
+            log_packet(r, t, r.endpoints[e].node, 1, buf, start, stop)
         taken = False
         if w.wired >= 0:
             node = r.endpoints[w.wired].node
@@ -177,8 +182,10 @@ def admit(r: Radio, reals: NDArray[np.float64], t: int, g: int, buf: NDArray[np.
                 taken = send_on(r, reals, t, node, to_system, buf, start, stop) or taken
         else:
             for other in range(r.along.size):
+                r.counters[TURN] = (turn << _HEARERS) + other
                 taken = _from_gateway(r, t, g, other, to_system, buf, start, stop) or taken
-        if not taken and to_system != 0:
+        turn += 1
+        if not taken and to_system != 0 and here:
             record_event(r, t, -1, e, -1, buf, start, stop, NO_ROUTE)
 
 
@@ -229,6 +236,7 @@ def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.u
         if status in (BAD_CRC, INCOMPATIBLE):
             record_event(r, t, -1, e, r.endpoints[e].node, buf, start, stop, MALFORMED)
             continue
+        news = r.endpoints[e].heard != system(buf, start)
         r.endpoints[e].heard = system(buf, start)
         taken = False
         common = r.endpoints[e].reach <= SWARM
@@ -237,12 +245,18 @@ def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.u
             taken = _on_board(r, t, e, to_system, buf, start, stop)
         radio = common and (to_system == 0 or to_system != r.endpoints[e].heard)
         if r.outbox.size > 0:
-            taken = _post(r, t, e, to_system, taken, radio, buf, start, stop) or taken
+            if common or news:
+                taken = _post(r, t, e, to_system, taken, radio, buf, start, stop if common else start) or taken
         elif radio:
             if r.trip.size > 0:
                 begin_trip(r, e, t)
             taken = by_radio(r, reals, t, e, to_system, buf, start, stop) or taken
         if r.gateways.size > 0:
-            taken = _to_gateways(r, t, e, to_system, buf, start, stop) or taken
+            if r.outbox.size > 0:
+                r.counters[TURN] += 1 << (_HEARERS - 1)  # after those to nodes, which `replay` finds
+            if _to_gateways(r, t, e, to_system, buf, start, stop):
+                if radio and r.outbox.size > 0:
+                    r.outbox[r.counters[POSTED] - 1].taken = 1
+                taken = True
         if not taken and to_system != 0:
             record_event(r, t, -1, e, -1, buf, start, stop, NO_ROUTE)

@@ -11,7 +11,7 @@ import pytest
 
 from cosim_master.diagnostics.errors import FmuError, SystemDescriptionError
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.partitions import opening, starting
+from cosim_master.execution.partitions import starting
 from cosim_master.execution.partitions.transport import LocalTransport, PartLost
 from cosim_master.execution.simulate import simulate
 from tests.master.parts import assigned, run_in_parts
@@ -146,20 +146,11 @@ def test_an_exception_of_a_part_ends_the_run(probes: Any, tmp_path: Path, monkey
     assert times[-1] == result.simulated_s > 0.0
 
 
-@pytest.mark.parametrize(
-    ("options", "name"),
-    [
-        ({"gcs": ["udpout:127.0.0.1:14550"]}, "--gcs"),
-        ({"profile": True}, "--profile"),
-    ],
-)
-def test_options_that_parts_do_not_have_are_refused(
-    probes: Any, tmp_path: Path, options: dict[str, Any], name: str
-) -> None:
+def test_a_profile_of_parts_is_refused(probes: Any) -> None:
     system = two_probes(probes)
-    with pytest.raises(SystemDescriptionError, match=f"{name}: a run in parts does not support it yet"):
-        opening.refuse_options(RunOptions(**options), live=False)
-    assert system.exists()
+    with pytest.raises(SystemDescriptionError, match="--profile: the profile of one part tells nothing of the others"):
+        run_in_parts(system, RunOptions(profile=True), 2)
+    assert probes.calls == []
 
 
 # ---- checkpoints ----------------------------------------------------------------------------------------------------
