@@ -1,6 +1,6 @@
 """Kills a run at random instants and says how much of its recording was lost.
 
-    python -m benchmarks.kill [--times 300] [--seed 1] [--json FILE]
+    python -m benchmarks.kill [--times 300] [--seed 1] [--checkpoint-every S] [--json FILE]
 
 The run is line5 with a bad radio, held at about a second of wall-clock time. Each time a process of its own runs it,
 and gets SIGKILL at a random moment between its start and half a second after its usual end. Then, in another process:
@@ -9,6 +9,10 @@ and gets SIGKILL at a random moment between its start and half a second after it
 - `repair` must make Parquet files with the same rows, and logs that are the beginning of that run's logs;
 - of the rows that the run had stepped through, as it noted in shared memory, some may be missing. `lost` is how long
   before the signal the first of them was made, in seconds of wall-clock time.
+
+With --checkpoint-every, the run writes checkpoints as often, in s of simulated time. A run that was killed goes on
+from the last one, and must then leave the same bytes as a run that nobody killed; `in a checkpoint` counts the kills
+that have left an incomplete one.
 
 Exits 1 if anything was wrong, or more than a second was lost.
 """
@@ -55,6 +59,8 @@ class Killed:
         made: how many the run had stepped through.
         lost: s.
         wrong: what must not be.
+        resumed: whether it went on from a checkpoint.
+        within: whether it was writing one.
     """
 
     after: float
@@ -63,6 +69,8 @@ class Killed:
     made: int
     lost: float
     wrong: tuple[str, ...]
+    resumed: bool = False
+    within: bool = False
 
 
 class Stamps:
@@ -83,7 +91,7 @@ class Stamps:
     def closed(self) -> None: ...
 
 
-def kill_once(after: float, out: Path, whole: Path) -> Killed:
+def kill_once(after: float, out: Path, whole: Path, every: float | None) -> Killed:
     """Runs the system in a child of this process, which must have no threads, and kills it."""
     memory = mmap.mmap(-1, 8 * 4096)
     began = time.monotonic()
@@ -91,7 +99,8 @@ def kill_once(after: float, out: Path, whole: Path) -> Killed:
     if child == 0:
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 2)
-        simulate(SYSTEM, replace(OPTIONS, out=out, pace=UNTIL / WALL), observers=[lambda v: Stamps(v, memory)])
+        options = replace(OPTIONS, out=out, pace=UNTIL / WALL, checkpoint_every=every)
+        simulate(SYSTEM, options, observers=[lambda v: Stamps(v, memory)])
         os._exit(0)
     time.sleep(max(0.0, began + after - time.monotonic()))
     os.kill(child, signal.SIGKILL)
@@ -116,7 +125,25 @@ def kill_once(after: float, out: Path, whole: Path) -> Killed:
     if pq.read_table(out / "signals.parquet").num_rows != rows:
         wrong.append("the repair has changed the number of rows")
     lost = float(at - stamps[rows]) if rows < made else 0.0
-    return Killed(after, "ended" if state == "done" else state, rows, made, lost, tuple(wrong))
+    within = any(out.glob("checkpoints/*.part"))
+    resumed = every is not None and go_on(out, whole, every, wrong)
+    return Killed(after, "ended" if state == "done" else state, rows, made, lost, tuple(wrong), resumed, within)
+
+
+def go_on(out: Path, whole: Path, every: float, wrong: list[str]) -> bool:
+    """Goes on from the last checkpoint before the end; returns whether there is one."""
+    times = [float(file.parent.name) for file in out.glob("checkpoints/*/checkpoint.json")]
+    if not (times := [time for time in times if time < UNTIL]):
+        return False
+    again = out.with_name("again")
+    shutil.rmtree(again, ignore_errors=True)
+    result = simulate(SYSTEM, RunOptions(out=again, origin=f"{out}@{max(times):g}", checkpoint_every=every, threads=1))
+    if result.outcome != "done":
+        wrong.append(f"it does not go on: {result.error}")
+    for name in ("signals.parquet", "packets.parquet", "packets.tlog"):
+        if (again / name).read_bytes() != (whole / name).read_bytes():
+            wrong.append(f"{name} of the run that went on from {max(times):g} s has other bytes")
+    return True
 
 
 def _same(out: Path, whole: Path, wrong: list[str], when: str) -> int:
@@ -130,17 +157,18 @@ def _same(out: Path, whole: Path, wrong: list[str], when: str) -> int:
     return counts[0]
 
 
-def kill(times: int, seed: int) -> list[Killed]:
+def kill(times: int, seed: int, every: float | None) -> list[Killed]:
     """Kills as often."""
     instants = random.Random(seed)
     with tempfile.TemporaryDirectory() as folder:
         whole, out = Path(folder) / "whole", Path(folder) / "out"
-        result = simulate(SYSTEM, replace(OPTIONS, out=whole))  # and all code is compiled and loaded
+        # This also compiles and loads all code.
+        result = simulate(SYSTEM, replace(OPTIONS, out=whole, checkpoint_every=every))
         assert result.outcome == "done", result.error
         found = []
         for _ in range(times):
             shutil.rmtree(out, ignore_errors=True)
-            found.append(kill_once(instants.uniform(0.0, WALL + 1.2), out, whole))
+            found.append(kill_once(instants.uniform(0.0, WALL + 1.2), out, whole, every))
     return found
 
 
@@ -148,15 +176,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--times", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--checkpoint-every", type=float, metavar="S")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    found = kill(given.times, given.seed)
+    found = kill(given.times, given.seed, given.checkpoint_every)
     states = {state: sum(one.state == state for one in found) for state in ("not begun", "running", "ended")}
     wrong = [text for one in found for text in one.wrong]
     lost = [one.lost for one in found if one.state == "running"]
     summary = {
         "killed": len(found),
         **states,
+        "in a checkpoint": sum(one.within for one in found),
+        "went on from a checkpoint": sum(one.resumed for one in found),
         "wrong": wrong,
         "rows read": sum(one.rows for one in found),
         "rows missing": sum(max(0, one.made - one.rows) for one in found),

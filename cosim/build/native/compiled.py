@@ -272,7 +272,11 @@ def _for_target(ir: str, target: Target, machine: Any) -> str:
 def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
     """Compiles fmi2.c or fmi3.c with model.h and links it with `code` to a library that needs only libc and libm."""
     if os.environ.get("CC") and target == HOST:
-        compiler = shlex.split(os.environ["CC"])
+        try:
+            compiler = shlex.split(os.environ["CC"])
+        except ValueError:
+            text = f'the quotes of CC="{os.environ["CC"]}" do not match'
+            raise RuntimeError(f"{model}: {text}") from None
     else:
         compiler = [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[target].zig]
     source = Path(__file__).with_name(f"fmi{fmi}.c")

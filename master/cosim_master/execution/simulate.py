@@ -141,7 +141,7 @@ def simulate(
             started = time.perf_counter() - began
             noted = calls.end()
             noted += told(calls.after or before, execution.slaves, "functions of its start, up to initialization")
-            scene.begin(execution.slaves, execution.plan, lambda: execution.time)
+            scene.begin(execution.slaves, execution.plan, lambda: execution.state.time)
             return one.driven(execution, gateways, looking, started, noted, scene)
 
 
@@ -405,7 +405,8 @@ def take_part(system: str | PathLike[str], options: RunOptions, transport: Trans
     options = replace(options, out=None, checkpoint_every=None, pace=None)
     with suppress(OSError):
         private_cache()
-    with failing_openly(transport), ExitStack() as opened:
+    scene = Scene()
+    with failing_openly(transport), reported(scene), ExitStack() as opened:
         with told_others(transport):
             checkpoint = None if options.origin is None else find(options.origin)
             structure = opened.enter_context(read_system(system, options.variant))
@@ -413,11 +414,21 @@ def take_part(system: str | PathLike[str], options: RunOptions, transport: Trans
                 options = going_on(options, checkpoint, structure)
             one = _planned(structure, options, checkpoint, Listener(), Control(), Mailbox() if mailbox else None)
             one = one.in_parts(transport)
-        execution = one.opened(WatchedCalls(), Scene())
+        execution = one.opened(WatchedCalls(), scene)
         assert isinstance(execution, PartExecution)
+        scene.begin(execution.slaves, execution.plan, lambda: execution.state.time)
+        scene.rescue = lambda error: _crashed(transport, error)
         with execution:
             execution.agree(())
             execution.serve()
+
+
+def _crashed(transport: Transport, error: FmuError) -> None:
+    """Tells part 0 which FMU has crashed this part, and waits until it has completed its files and ends all parts."""
+    with suppress(Exception):
+        transport.fail(str(error))
+        while True:
+            transport.receive(0, patient=True)
 
 
 def _planned(

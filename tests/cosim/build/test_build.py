@@ -366,6 +366,7 @@ def test_cc_is_used(samples: SimpleNamespace, tmp_path: Path, monkeypatch: pytes
     [
         ("/nowhere/cc", "Plant: the C compiler /nowhere/cc cannot be run: No such file or directory"),
         (f"{sys.executable} -c 'import sys; sys.exit(\"out of order\")'", r"Plant: .* failed:\nout of order"),
+        ("it's", 'Plant: the quotes of CC="it\'s" do not match'),
     ],
 )
 def test_compiler_out_of_order(

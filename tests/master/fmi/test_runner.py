@@ -7,6 +7,7 @@ needs Wine, whose first start for a user takes a minute.
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import tempfile
 import zipfile
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import pyarrow.parquet as pq
 import pytest
@@ -29,6 +31,8 @@ from cosim_master.fmi.isolation.building import portable
 from cosim_master.fmi.isolation.child import Limits
 from cosim_master.fmi.slaves import isolated
 from cosim_master.fmi.slaves.isolated import Isolation, Scope
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
 from tests.master.conftest import Workshop
 from tests.master.fmi.test_isolation import Faulties, _folder, leftovers, rows
 from tests.master.fmus.clocked import clocked
@@ -70,8 +74,8 @@ def test_the_same_bits_over_a_socket(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     before = leftovers()
     assert flown(system, tmp_path / "socket", checkpoint_every=1.0).outcome == "done"
+    assert leftovers() == before  # and now: threads of pyarrow may keep files open that they have read
     assert recorded(tmp_path / "socket") == recorded(tmp_path / "shared")
-    assert leftovers() == before
 
 
 def test_clocks_strings_and_binaries(stricts3: Any, tmp_path: Path, request: pytest.FixtureRequest) -> None:
@@ -152,6 +156,12 @@ def test_a_runner_that_does_not_connect(
     assert "its process cannot be started: No such file or directory" in str(result.error)
 
 
+def test_the_quotes_of_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "it's")
+    with pytest.raises(building.CannotIsolate, match='the quotes of CC="it\'s" do not match'):
+        building._compile(tmp_path)
+
+
 @pytest.mark.parametrize("target", ["x86_64-macos", "aarch64-macos", "aarch64-linux-gnu.2.17"])
 def test_it_compiles_for_other_systems(target: str) -> None:
     """Without a warning; what it does there is not tested."""
@@ -195,6 +205,86 @@ def test_without_a_runner_the_error_names_it(of_windows: tuple[Path, Path], monk
     assert found.library == "binaries/win64/PointMass.dll"
     assert "it has no binary for this platform: that of Windows is run by wine64" in found.notes
     assert describe(of_windows[0]).library == "binaries/linux64/PointMass.so"
+    monkeypatch.setenv(RUNNER, "it's wine")
+    with pytest.raises(
+        SystemDescriptionError, match='variable UAV_COSIM_RUNNER: "it\'s wine" is no command, because its'
+    ):
+        describe(of_windows[1])
+
+
+def named(folder: Path, fmu: Path, *attributes: str, of_system: str = "") -> Path:
+    """A system with a component of this FMU for each text of attributes of <isolation>; empty without it."""
+    made = Workshop(folder)
+    shutil.copy(fmu, folder / "point.fmu")
+    kind, element = "org.uav-cosim.isolation", '<isolation xmlns="https://uav-cosim.org/ns/1" {}/>'
+    parts = "".join(
+        made.component(
+            f"p{i}",
+            "point.fmu",
+            "position[1]:output",
+            after=made.annotation(kind, element.format(text)) if text else "",
+        )
+        for i, text in enumerate(attributes)
+    )
+    after = made.annotation(kind, element.format(of_system)) if of_system else ""
+    return made.ssd("named.ssd", made.system(parts, after=after), '<ssd:DefaultExperiment stopTime="0.5"/>')
+
+
+def test_a_system_names_the_runner(
+    of_windows: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A script of the user's own, which the user has allowed, gets the program, the port and the library."""
+    script, told = tmp_path / "own runner", tmp_path / "told"
+    script.write_text(f'#!/bin/sh\necho "$@" >"{told}"\nexit 7\n')
+    script.chmod(0o755)
+    monkeypatch.setenv(RUNNER, shlex.join([str(script), "--of", "mine"]))
+    given = f"runner={quoteattr(shlex.join([str(script), '--of', 'mine']))}"
+    for i, attributes in enumerate((given, f'{given} process="instance"')):
+        result = simulate(named(tmp_path, of_windows[1], attributes), RunOptions(out=tmp_path / f"out{i}"))
+        assert "own runner has ended with exit code 7" in str(result.error)
+        words = told.read_text().split()
+        assert words[:2] == ["--of", "mine"]
+        assert words[-1].endswith("PointMass.dll") and words[-2].isdigit()
+        told.unlink()
+
+
+def test_a_runner_for_a_system_or_a_part(
+    of_windows: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The nearest annotation counts; FMUs with a binary for this platform take none; others need one."""
+    monkeypatch.delenv(RUNNER, raising=False)
+    windows = of_windows[1]
+    system = named(tmp_path, windows, "", 'runner="wine" process="instance"', of_system='runner="wine64"')
+    checked = check(read_system(system))
+    assert [(one.fmu.runner, one.process) for one in checked.instances] == [(("wine64",), ""), (("wine",), "instance")]
+    checked = check(read_system(named(tmp_path, of_windows[0], 'runner="wine64"')))
+    assert checked.instances[0].fmu.runner == ()
+    with pytest.raises(
+        SystemDescriptionError, match=r"has no library for this platform.*UAV_COSIM_RUNNER=wine"
+    ) as found:
+        check(read_system(named(tmp_path, windows, "", 'runner="wine64"')))
+    assert len(found.value.problems) == 1 and '"p0"' in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "text"),
+    [
+        ('runner="rm -r /"', "runner \"rm -r /\" of <isolation> is a command; if you trust it, allow it by "
+         "UAV_COSIM_RUNNER='rm -r /' in the environment (without that, a system may name wine or wine64)"),
+        ('runner="wine64 other.exe"', 'runner "wine64 other.exe" of <isolation> is a command'),
+        ("runner=\"it's\"", 'runner "it\'s" of <isolation> is no command; try wine64'),
+        ('runner="wine64" process="here"', 'process "here" of <isolation>: wine64 needs a process of its own'),
+        ('runner="wine64" runners="wine"', '<isolation> has no attribute "runners"; valid: "process", "restarts"'),
+    ],
+)  # fmt: skip
+def test_runners_that_are_refused(
+    of_windows: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, attributes: str, text: str
+) -> None:
+    """A system is a document: it does not run commands on the machine of whoever opens it."""
+    monkeypatch.delenv(RUNNER, raising=False)
+    with pytest.raises(SystemDescriptionError) as found:
+        check(read_system(named(tmp_path, of_windows[1], attributes)))
+    assert text in str(found.value)
 
 
 @pytest.mark.skipif(WINE is None, reason="Wine is not installed")

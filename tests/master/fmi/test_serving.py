@@ -74,6 +74,7 @@ class Relay:
         self.turns = self.sent = 0
         self.act: Callable[[int], bool] = lambda _: True
         self._open: list[socket.socket] = []
+        self._forwarding: list[threading.Thread] = []
         self._counting = threading.Lock()
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -85,7 +86,9 @@ class Relay:
                 return
             server = socket.create_connection(("127.0.0.1", self._server))
             self._open += [master, server]
-            threading.Thread(target=self._forward, args=(master, server), daemon=True).start()
+            forwarding = threading.Thread(target=self._forward, args=(master, server), daemon=True)
+            self._forwarding.append(forwarding)
+            forwarding.start()
 
     def _forward(self, master: socket.socket, server: socket.socket) -> None:
         answered = True
@@ -109,6 +112,12 @@ class Relay:
                     else:
                         answered = True
                         master.sendall(data)
+
+    def finish(self) -> None:
+        """Waits until everything that masters which have ended have sent is counted: they do not wait for an answer."""
+        for one in self._forwarding:
+            one.join(600)
+            assert not one.is_alive()
 
     def cut(self) -> None:
         """Ends all connections."""
@@ -434,6 +443,7 @@ def test_a_file_is_sent_once(run: Run, relay: Relay, tmp_path: Path, faulties: F
                 content[len(content) // 2] ^= 1
                 file.write_bytes(content)
         assert run("none fmi2DoStep 0").outcome == "done"  # so that the files differ
+        relay.finish()
         sizes.append(relay.sent - before)
     files = [faulties.workshop.root / name for name in ("bad.fmu", "good.fmu")]
     assert sizes[0] - sizes[1] == sizes[2] - sizes[1] == sum(file.stat().st_size for file in files)

@@ -42,6 +42,7 @@ def start_parts(parts: int, arguments: Sequence[str]) -> int:
     environment = dict(os.environ)
     if "Open MPI" in said:
         options += ["--with-ft", "ulfm", "--oversubscribe", "--bind-to", "none"]
+        environment["OMPI_MCA_opal_signal"] = ""  # crashes are for `execution.run.faults.crashes` to report
         if os.geteuid() == 0:  # as in a container; the parts are those of this user
             environment |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     process = subprocess.Popen([launcher, *options, *_COMMAND, *arguments], env=environment, start_new_session=True)

@@ -66,45 +66,56 @@ def platform(fmi: int = 2) -> str:
 
 
 def runner() -> list[str]:
-    """Returns the command that runs programs of Windows, from the environment variable UAV_COSIM_RUNNER."""
-    return [] if sys.platform == "win32" else shlex.split(os.environ.get(RUNNER, ""))
+    """Returns the command that runs programs of Windows, from the environment variable UAV_COSIM_RUNNER.
+
+    Raises:
+        SystemDescriptionError: its quotes do not match.
+    """
+    try:
+        return [] if sys.platform == "win32" else shlex.split(os.environ.get(RUNNER, ""))
+    except ValueError:
+        text = f'"{os.environ[RUNNER]}" is no command, because its quotes do not match; try wine'
+        raise SystemDescriptionError([Problem(Where(f"environment variable {RUNNER}"), text)]) from None
 
 
-def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implementation: str = "any") -> FmuDescription:
+def describe(
+    path: str | Path, sizes: Mapping[str, int] | None = None, implementation: str = "any", runs: str = ""
+) -> FmuDescription:
     """Reads and checks the description of an FMU.
 
     Args:
         path: the .fmu file.
         sizes: values of structural parameters of FMI 3 other than the FMU's own, which change the sizes of arrays.
         implementation: "CoSimulation", "ModelExchange", or "any", which prefers co-simulation.
+        runs: the program that runs binaries of Windows, if the system names one; else that of the environment does.
 
     Raises:
         SystemDescriptionError: the file is not a ZIP archive or has no readable modelDescription.xml, or the FMU has
             another FMI version, lacks this interface, or has no library for this platform; all problems are reported
             at once.
     """
-    given = Path(path)
+    given, runs = Path(path), runs or next(iter(runner()), "")
     if not sizes and implementation == "any":
         with suppress(OSError, SystemDescriptionError):  # `_described` says what is wrong with the file
-            found = _known(given.absolute(), _digest(given))
+            found = _known(given.absolute(), _digest(given), runs)
             return found if found.path == given else replace(found, path=given)
-    return _described(given, sizes, implementation)
+    return _described(given, sizes, implementation, runs)
 
 
 @lru_cache(maxsize=64)
-def _known(place: Path, contents: str) -> FmuDescription:  # noqa: ARG001
+def _known(place: Path, contents: str, runs: str) -> FmuDescription:  # noqa: ARG001
     """Returns the description of a file with contents of this digest; many runs in a process read it once."""
-    return _described(place, None, "any")
+    return _described(place, None, "any", runs)
 
 
-def _described(path: Path, sizes: Mapping[str, int] | None, implementation: str) -> FmuDescription:
+def _described(path: Path, sizes: Mapping[str, int] | None, implementation: str, runs: str) -> FmuDescription:
     shown = str(path)
     names = archive.member_names(path, shown)
     data = archive.read_member(Path(path), "modelDescription.xml", shown, limit=_MAX_DESCRIPTION_BYTES)
     if data is None:
         raise SystemDescriptionError([Problem(Where(shown), "is not an FMU: it has no modelDescription.xml")])
     reading = _Reading(f"{shown}/modelDescription.xml", data, sizes or {}, implementation)
-    library = None if reading.identifier is None else _library(names, reading.identifier, Where(shown), reading)
+    library = None if reading.identifier is None else _library(names, reading.identifier, Where(shown), reading, runs)
     if library == SOURCES:
         reading.source_files = _source_files(Path(path), shown, names, reading)
     if reading.problems:
@@ -173,7 +184,7 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _library(names: Sequence[str], identifier: str, where: Where, reading: _Reading) -> str | None:
+def _library(names: Sequence[str], identifier: str, where: Where, reading: _Reading, by: str) -> str | None:
     folder = platform(reading.fmi)
     suffix = next(suffix for system, suffix in _LIBRARY_SUFFIX.items() if platform().startswith(system))
     expected = f"binaries/{folder}/{identifier}{suffix}"
@@ -190,8 +201,8 @@ def _library(names: Sequence[str], identifier: str, where: Where, reading: _Read
         return SOURCES
     foreign = f"binaries/{'x86_64-windows' if reading.fmi == 3 else 'win64'}/{identifier}.dll"
     runs = reading.fmi > 1 and foreign in names
-    if runs and (command := runner()):
-        reading.notes.append(f"it has no binary for this platform: that of Windows is run by {command[0]}")
+    if runs and by:
+        reading.notes.append(f"it has no binary for this platform: that of Windows is run by {by}")
         return foreign
     available = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
     offered = f"it has binaries for {', '.join(available)}" if available else "it has no binaries"

@@ -199,6 +199,7 @@ class FmuDescription:
         model_exchange: of an FMU that our solvers integrate; None for co-simulation.
         verdicts: meanings of variables and arrays, by name; of FMUs with our annotation.
         source_files: of an FMU that is compiled from its sources; None for those with a library.
+        runner: the command that runs its binary, which is of Windows, if the system names one.
         table: of a component that is a CSV or Parquet file, whose columns are described as outputs; None for FMUs.
     """
 
@@ -226,6 +227,7 @@ class FmuDescription:
     model_exchange: ModelExchange | None = None
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
     source_files: SourceFiles | None = None
+    runner: tuple[str, ...] = ()
     table: Table | None = None
 
     def no_input_derivatives(self, name: str) -> str:

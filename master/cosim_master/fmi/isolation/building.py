@@ -104,7 +104,11 @@ def _digest(target: str = "") -> str:
 
 def _compile(folder: Path) -> None:
     if os.environ.get("CC"):
-        compiler = shlex.split(os.environ["CC"])
+        try:
+            compiler = shlex.split(os.environ["CC"])
+        except ValueError:
+            text = f'their C part is not compiled: the quotes of CC="{os.environ["CC"]}" do not match'
+            raise CannotIsolate(text) from None
     elif find_spec("ziglang") is not None:
         compiler = [sys.executable, "-m", "ziglang", "cc", "-target", f"{platform.machine()}-linux-gnu.2.17"]
     else:

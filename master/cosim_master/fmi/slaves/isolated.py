@@ -156,11 +156,12 @@ class IsolatedLibrary(Library):
         """Returns the process, or raises FmuError for the activity `loading`."""
         try:
             if run_by_another(self.fmu):
+                command = [*self.fmu.runner] or runner()
                 _note(
-                    f"note: {self.fmu.path.name} is run by {runner()[0]}: its memory, files and sockets are not limited"
+                    f"note: {self.fmu.path.name} is run by {command[0]}: its memory, files and sockets are not limited"
                 )
                 self._limits = replace(self._limits, restricted=False)
-                return Runner(runner(), portable(_WINDOWS), library, self.resources.parent, self._limits)
+                return Runner(command, portable(_WINDOWS), library, self.resources.parent, self._limits)
             return Child(library, self.resources.parent, self._limits, python=self.python, writable=self._writable)
         except (OSError, CannotIsolate) as error:
             text = f"its process cannot be started: {getattr(error, 'strerror', None) or error}"

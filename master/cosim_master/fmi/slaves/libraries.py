@@ -113,7 +113,7 @@ class Libraries:
         self._on_opened = opened or (lambda _: None)
         self._folder = temporary.made()
         self._unpacked_in: dict[tuple[Path, str], Path] = {}
-        self._loaded: dict[tuple[Path, str, bool], Library] = {}
+        self._loaded: dict[tuple[Path, str, tuple[str, ...], bool], Library] = {}
         self._opened: list[Library] = []
         self._sharing: set[Path] = set()
         self._there: dict[tuple[Path, Address], Library] = {}
@@ -125,7 +125,7 @@ class Libraries:
         return self._load(fmu, "", isolated=self._isolation.isolates(fmu))
 
     def _load(self, fmu: FmuDescription, name: str, *, isolated: bool) -> Library:
-        key = (fmu.path, fmu.library, isolated)
+        key = (fmu.path, fmu.library, fmu.runner, isolated)
         library = self._loaded.get(key)
         if library is None:
             if fmu.table is not None:

@@ -6,13 +6,15 @@ loaded.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from cosim_master.diagnostics.errors import Finding, Problem, SystemDescriptionError
 from cosim_master.diagnostics.limitations import ANNOTATION, LOCAL, WIDE_ITEM
 from cosim_master.diagnostics.names import near
-from cosim_master.fmi.description.read import FmuDescription, Variable
+from cosim_master.fmi.description.read import FmuDescription, Variable, describe, runner
 from cosim_master.fmi.description.variables import INTEGER_RANGES
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.system.flatten.component_settings import ISOLATION, SOLVER, STEPPING, ComponentSettings
@@ -239,10 +241,10 @@ class _Check:
             if not size and part.fmu.table is None and not alone:
                 size, source = DEFAULT_STEP, "default"
             solver = self._set.solver(part)
-            process, restarts = self._set.process(part)
+            process, restarts, command = self._set.process(part)
             instance = ComponentInstance(
                 part.name,
-                part.fmu,
+                self._run_by(part, part.fmu, command),
                 values,
                 size,
                 part.element.where,
@@ -254,6 +256,18 @@ class _Check:
                 instance = instance.integrated(solver or Choice())
             instances.append(instance)
         return tuple(instances)
+
+    def _run_by(self, part: Part, fmu: FmuDescription, command: tuple[str, ...]) -> FmuDescription:
+        """Returns an FMU with the command that runs it, if its binary is of Windows and this is not."""
+        if sys.platform == "win32" or not fmu.library.endswith(".dll"):
+            return fmu
+        if not command and not runner():  # the system names one for other instances only
+            try:
+                describe(fmu.path)
+            except SystemDescriptionError as error:
+                place = f'(source of component "{part.element.name}" at {part.element.where})'
+                self.problems += [Problem(one.where, f"{one.message} {place}") for one in error.problems]
+        return replace(fmu, runner=command)
 
     def _silent_clocks(self, instances: tuple[ComponentInstance, ...], links: tuple[FlatConnection, ...]) -> None:
         """Notes triggered Clocks that no other Clock drives, which never tick. Time-based Clocks tick by themselves."""

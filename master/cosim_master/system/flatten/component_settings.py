@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Iterator
 
 from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, Where
 from cosim_master.files.xml import line_of
+from cosim_master.fmi.description.read import RUNNER, runner
 from cosim_master.fmi.slaves.solvers import NAMES as SOLVERS
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.system.flatten.flat import PROCESSES
 from cosim_master.system.flatten.topology.components import Part
 from cosim_master.system.reading.others.omsimulator import OMSIMULATOR, Named
 from cosim_master.system.reading.others.omsimulator import settings as settings_of_omsimulator
-from cosim_master.system.structure import Annotation, SystemStructure
+from cosim_master.system.structure import Annotation, Component, System, SystemStructure
 
 __all__ = ["ISOLATION", "SOLVER", "STEPPING", "ComponentSettings"]
 
@@ -24,6 +26,8 @@ STEPPING = "org.uav-cosim.stepping"
 SOLVER = "org.uav-cosim.solver"
 ISOLATION = "org.uav-cosim.isolation"
 _NAMESPACE = "https://uav-cosim.org/ns/1"
+_RUNNERS = ("wine", "wine64")
+"""Commands that a system may name without the permission of its user."""
 
 
 class ComponentSettings:
@@ -84,31 +88,58 @@ class ComponentSettings:
             return None
         return Choice(name, **numbers, restart=restart == "true")
 
-    def process(self, part: Part) -> tuple[str, int]:
-        """Returns the process that the system sets for an FMU, empty if it sets none, and its number of restarts."""
+    def runs(self) -> str:
+        """Returns the first program by which the system has FMUs of Windows run; empty if it names none."""
+        for annotation in _annotations(self._structure):
+            for element in annotation.element if annotation.type == ISOLATION else ():
+                if text := str(element.get("runner", "")):
+                    return (*_words(text), text)[0]
+        return ""
+
+    def process(self, part: Part) -> tuple[str, int, tuple[str, ...]]:
+        """Returns the process that the system sets for an FMU, its number of restarts, and the program that runs it.
+
+        The process and the program are empty if the system sets none.
+        """
         annotation = self._nearest(part, ISOLATION)
         if annotation is None:
-            return "", 0
+            return "", 0, ()
         example = f'<isolation xmlns="{_NAMESPACE}" process="instance"/>'
         children = list(annotation.element)
         if len(children) != 1 or children[0].tag != f"{{{_NAMESPACE}}}isolation":
             self._problems.append(Problem(annotation.where, f"annotation {ISOLATION} needs one element: {example}"))
-            return "", 0
+            return "", 0, ()
         element, where = children[0], Where(annotation.where.path, line_of(children[0]))
-        if unknown := sorted({*map(str, element.attrib)} - {"process", "restarts"}):
-            text = f'<isolation> has no attribute "{unknown[0]}"; valid: "process", "restarts"'
+        if unknown := sorted({*map(str, element.attrib)} - {"process", "restarts", "runner"}):
+            text = f'<isolation> has no attribute "{unknown[0]}"; valid: "process", "restarts", "runner"'
             self._problems.append(Problem(where, text))
+        command = self._runner(str(element.get("runner", "")), where)
         process, restarts = str(element.get("process", "")), str(element.get("restarts", "0"))
-        if process not in PROCESSES:
+        if process not in PROCESSES and ("process" in element.attrib or "runner" not in element.attrib):
             text = f'process "{process}" of <isolation>; valid: {", ".join(PROCESSES)}'
             self._problems.append(Problem(where, text))
-            return "", 0
+            return "", 0, ()
+        if process == "here" and command:
+            text = f'process "here" of <isolation>: {command[0]} needs a process of its own; valid: file, instance'
+            self._problems.append(Problem(where, text))
         if re.fullmatch("[0-9]{1,6}", restarts) is None or (process == "here" and int(restarts)):
             own = f'; an FMU of process "{process}" is not started anew' if process == "here" else ""
             text = f'restarts "{restarts}" of <isolation>; valid: an integer from 0 to 999999{own}'
             self._problems.append(Problem(where, text))
-            return process, 0
-        return process, int(restarts)
+            return process, 0, command
+        return process, int(restarts), command
+
+    def _runner(self, text: str, where: Where) -> tuple[str, ...]:
+        """Returns the words of a command that runs FMUs of Windows, if this system may have it run here."""
+        command = _words(text)
+        if text and not command:
+            self._problems.append(Problem(where, f'runner "{text}" of <isolation> is no command; try wine64'))
+        elif command and text not in _RUNNERS and [*command] != runner():
+            # A system is a document: it may not run programs with the rights of whoever opens it.
+            fix = f"if you trust it, allow it by {RUNNER}={shlex.quote(text)} in the environment"
+            valid = f"without that, a system may name {' or '.join(_RUNNERS)}"
+            self._problems.append(Problem(where, f'runner "{text}" of <isolation> is a command; {fix} ({valid})'))
+        return command
 
     def _nearest(self, part: Part, kind: str, fits: Callable[[Annotation], bool] = lambda _: True) -> Annotation | None:
         """Returns the nearest matching annotation of a type, on the part or on a surrounding system."""
@@ -163,3 +194,29 @@ def _positive(name: str, text: str | None) -> float | None:
     if not 0.0 < value < math.inf:
         raise ValueError(f'{name} "{text}" of <solver> must be a positive number')
     return value
+
+
+def _words(text: str) -> tuple[str, ...]:
+    """Returns the words of a command; none if its quotes do not match."""
+    try:
+        return tuple(shlex.split(text))
+    except ValueError:
+        return ()
+
+
+def _annotations(structure: SystemStructure) -> Iterator[Annotation]:
+    """Yields the annotations of a system and of everything in it."""
+    yield from structure.annotations
+    waiting: list[object] = [structure.system]
+    seen: set[int] = set()
+    while waiting:
+        one = waiting.pop()
+        if id(one) in seen:
+            continue
+        seen.add(id(one))
+        if isinstance(one, System):
+            yield from one.annotations
+            waiting += one.elements
+        elif isinstance(one, Component):
+            yield from one.annotations
+            waiting += [one.content]

@@ -36,12 +36,14 @@ class Descriptions:
     ) -> None:
         self._structure, self._overrides, self._set, self._problems = structure, overrides, settings, problems
         self._implementations: set[str] = set()
+        self._runs = ""
 
     def described(self) -> dict[Path, FmuDescription | None]:
         """Returns the description of every FMU file. A file is read once, however many components use it."""
         found: dict[Path, FmuDescription | None] = {}
         tables: dict[Path, list[Component]] = {}
         seen: set[int] = set()
+        self._runs = self._set.runs()
 
         def visit(system: System) -> None:
             if id(system) in seen:
@@ -70,7 +72,7 @@ class Descriptions:
 
     def _describe(self, component: Component, path: Path) -> FmuDescription | None:
         try:
-            return describe(path)
+            return describe(path, runs=self._runs)
         except SystemDescriptionError as error:
             for problem in error.problems:
                 text = f'{problem.message} (source of component "{component.name}" at {component.where})'
@@ -126,7 +128,7 @@ class Descriptions:
         self, part: Part, fmu: FmuDescription, sizes: Mapping[str, int], implementation: str
     ) -> FmuDescription | None:
         try:
-            return describe(fmu.path, sizes, implementation)
+            return describe(fmu.path, sizes, implementation, self._runs)
         except SystemDescriptionError as error:
             shown = ", ".join(f"{name} = {value}" for name, value in sizes.items())
             for problem in error.problems:
