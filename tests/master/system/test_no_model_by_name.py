@@ -94,6 +94,7 @@ IN_FILES = {
         "execution/outcome/manifest.py": "key of the manifest",
         "fmi/description/declarations.py": "attribute of the annotation of verdicts",
         "network/gateways/gateways.py": "of port numbers",
+        "report/contents.py": "key of the manifest",
         "report/structure.py": "key of the manifest",
         "results/reading/comparison.py": "key of the manifest",
         "results/figures/motion.py": "label of an axis",

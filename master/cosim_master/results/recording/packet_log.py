@@ -10,6 +10,7 @@ import hashlib
 import re
 import struct
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from cosim_master.diagnostics.errors import RecordingFailed
 from cosim_master.network.radio.tables import OUTCOMES
 from cosim_master.results.recording.table_file import TableFile
 from cosim_master.results.storage.arrays import array_of, text_of, texts
@@ -159,6 +161,8 @@ class PacketLog:
         Raises:
             RecordingFailed: they cannot be completed; the journal remains.
         """
+        with suppress(RecordingFailed):  # of the journal alone: the file can do without the end of a group in it
+            self.end_group()
         self.end_group()
         self._file.close()
         if not self._file.faults.files:

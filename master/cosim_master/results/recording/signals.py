@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 import pyarrow as pa
 
+from cosim_master.diagnostics.errors import RecordingFailed
 from cosim_master.results.recording.table_file import TableFile
 from cosim_master.results.storage.columns import Columns
 from cosim_master.stepping.observation import Rows, Seen
@@ -89,6 +92,8 @@ class SignalRecorder:
         Raises:
             RecordingFailed: it cannot be completed; the journal remains.
         """
+        with suppress(RecordingFailed):  # of the journal alone: the file can do without the end of a group in it
+            self.end_group()
         self.end_group()
         self._file.close()
 

@@ -69,6 +69,8 @@ class Journal:
             for what, schema in self._schemas.items():
                 file = opened.enter_context((self.folder / f"{what}.arrows").open("wb", buffering=0))
                 self._streams[what] = pa.ipc.new_stream(pa.PythonFile(_Whole(file), "w"), schema)
+            for what in self._streams:
+                self.end_group(what)  # writes the columns, without which nothing is readable
             self._opened = opened.pop_all()
 
     def rows(self, rows: Rows) -> None:
@@ -241,4 +243,5 @@ def read_journal(file: Path) -> pa.Table:
     Raises:
         CosimError: the process ended before it had written the columns.
     """
-    return pa.concat_tables([schema_of(file).empty_table(), *groups_of(file)])
+    schema, groups = schema_of(file), [*groups_of(file)]
+    return pa.concat_tables(groups) if groups else schema.empty_table()

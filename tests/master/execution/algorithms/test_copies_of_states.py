@@ -70,7 +70,7 @@ def test_discarded_steps_end_no_row_group(
 
 
 def test_rows_that_were_handed_over_are_not_taken_back(stricts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A checkpoint hands them over; a step discarded after it goes back to a copy made after it."""
+    """A checkpoint and a full block hand them over; a step discarded after it goes back to a copy made after it."""
     monkeypatch.setattr(fixed_step, "_SNAPSHOT_EVERY", 1e9)
     stricts.fmu()
     parts = stricts.component("a", mode=1, when=1.5, longest=0.25, u=1.0) + stricts.component("b")
@@ -92,7 +92,7 @@ def test_rows_that_were_handed_over_are_not_taken_back(stricts: Any, monkeypatch
         with Execution(checked, clock, make_layout(checked, network), network) as execution:
             execution.blocks.attach([Observer()], [])
             execution.advance(2)
-            execution.settle()
+            execution.blocks.rows()
             execution.advance(4)
             execution.blocks.complete()
     assert seen == [0.0, 0.5, 1.0, 1.5, 2.0]
