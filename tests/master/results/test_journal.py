@@ -11,7 +11,6 @@ import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.reading.read import signals
 from cosim_master.results.repair import repair
-from cosim_master.results.storage.journal import Journal, goes_on, groups_of, read_journal
+from cosim_master.results.storage.journal import goes_on, groups_of, read_journal
 from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.observation import Seen, View
 from tests.master import processes
@@ -475,31 +474,3 @@ def test_an_fmu_that_ends_the_process(tmp_path: Path, probes: Any) -> None:
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "running"
     assert signals(tmp_path / "out")["time"].to_pylist()[:6] == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5]
     assert repair(tmp_path / "out")["outcome"] == "killed"
-
-
-def test_a_journal_that_cannot_end_its_group_loses_nothing(
-    chatters: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """At the end of the run, as when the disk fills just then: the files of the finished run hold all rows."""
-    system = chatters()
-    assert simulate(system, RunOptions(out=tmp_path / "good")).outcome == "done"
-
-    def full(journal: Journal, what: str, end: Callable[[Journal, str], None] = Journal.end_group) -> None:
-        if (tmp_path / "out" / "unfinished" / "begun").exists():
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        end(journal, what)
-
-    monkeypatch.setattr(Journal, "end_group", full)
-
-    class Marks:
-        every = 1
-
-        def initialised(self, seen: Seen) -> None:
-            (tmp_path / "out" / "unfinished" / "begun").touch()
-
-        def stepped(self, seen: Seen) -> None: ...
-        def closed(self) -> None: ...
-
-    assert simulate(system, RunOptions(out=tmp_path / "out"), observers=[lambda _: Marks()]).verdict
-    for name in ("signals.parquet", "packets.parquet"):
-        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "good" / name).read_bytes()

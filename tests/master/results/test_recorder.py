@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,8 @@ from cosim_master.execution.simulate import simulate
 from cosim_master.results.reading.read import packets, signals
 from cosim_master.results.recording.packet_log import EPOCH, file_name
 from cosim_master.results.repair import repair
-from cosim_master.results.storage.journal import goes_on
+from cosim_master.results.storage.journal import Journal, goes_on
+from cosim_master.stepping.observation import Seen
 from tests.master.fmus.probe import model
 from tests.master.results.test_journal import broken_off
 
@@ -395,3 +397,31 @@ def test_too_few_descriptors(chatters: Any, tmp_path: Path, monkeypatch: pytest.
     assert str(caught.value) == f"{tmp_path / 'out'}: {text}"
     assert not (tmp_path / "out" / "unfinished").exists()
     assert not (tmp_path / "out" / "manifest.json").exists()
+
+
+def test_a_journal_that_cannot_end_its_group_loses_nothing(
+    chatters: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the end of the run, as when the disk fills just then: the files of the finished run hold all rows."""
+    system = chatters()
+    assert simulate(system, RunOptions(out=tmp_path / "good")).outcome == "done"
+
+    def full(journal: Journal, what: str, end: Callable[[Journal, str], None] = Journal.end_group) -> None:
+        if (tmp_path / "out" / "unfinished" / "begun").exists():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        end(journal, what)
+
+    monkeypatch.setattr(Journal, "end_group", full)
+
+    class Marks:
+        every = 1
+
+        def initialised(self, seen: Seen) -> None:
+            (tmp_path / "out" / "unfinished" / "begun").touch()
+
+        def stepped(self, seen: Seen) -> None: ...
+        def closed(self) -> None: ...
+
+    assert simulate(system, RunOptions(out=tmp_path / "out"), observers=[lambda _: Marks()]).verdict
+    for name in ("signals.parquet", "packets.parquet"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "good" / name).read_bytes()
