@@ -105,7 +105,7 @@ _ECCO = "the algorithm ecco, whose steps vary, and its power bonds"
 _UNWRITTEN_LINKS = (
     "connections that the engine's file or the engine does not have: sums, mapped values, recoded "
     "packets; to parameters (libcosim); with factor or offset (FMPy); of different types (libcosim, Ecos,"
-    " OMSimulator); of Enumerations (libcosim) and texts (FMPy, OMSimulator)"
+    " OMSimulator); of Enumerations (libcosim, Ecos; FMPy without an item of value 0) and texts (FMPy, OMSimulator)"
 )
 _UNWRITTEN_PARTS = (
     "components that the engine does not run: FMI 3.0 (libcosim, FMPy), tables (all but linear CSV files "
@@ -492,6 +492,18 @@ ENGINE_TABLE = Limitation(
     _UNWRITTEN_PARTS,
     "error",
     "{} is a file of values ({}), which {} does not read so",
+)
+ENGINE_VALUE = Limitation(
+    "Conversion",
+    "start values of Enumerations (libcosim, Ecos); texts and false, if the FMU's own value is another (FMPy)",
+    "error",
+    "{} is {}, which {} does not set",
+)
+FMPY_ZERO = Limitation(
+    "Conversion",
+    _UNWRITTEN_LINKS,
+    "error",
+    "{} is an Enumeration without an item of value 0, which FMPy sets first",
 )
 
 # ---- masters ---------------------------------------------------------------------------------------------------------

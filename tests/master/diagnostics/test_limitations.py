@@ -529,7 +529,7 @@ def of_osp(stricts: Any) -> Provoked:
 
 
 @pytest.fixture
-def of_conversion(stricts: Any, stricts3: Any, tmp_path: Path) -> Provoked:
+def of_conversion(stricts: Any, stricts3: Any, variable: Any, tmp_path: Path) -> Provoked:
     def converted(engine: str, *wires: str, inner: str = "", fmi3: bool = False) -> Said:
         maker = stricts3 if fmi3 else stricts
         maker.fmu()
@@ -538,6 +538,17 @@ def of_conversion(stricts: Any, stricts3: Any, tmp_path: Path) -> Provoked:
         path = maker.workshop.ssd("c.ssd", maker.workshop.system(parts, wired))
         with pytest.raises(SystemDescriptionError) as caught:
             convert(path, tmp_path / "converted", engine)
+        return "error", [str(problem) for problem in caught.value.problems]
+
+    def valued(wire: str, bindings: str = "") -> Said:
+        work = stricts.workshop
+        types = '<SimpleType name="Level"><Enumeration><Item name="low" value="1"/></Enumeration></SimpleType>'
+        level = {"kind": "Enumeration", "declaredType": "Level"}
+        work.fmu("e.fmu", variable("e", start="1", **level), variable("ye", "output", **level), types=types)
+        parts = work.component("a", "e.fmu", "e:input ye:output", bindings) + work.component("b", "e.fmu", "e:input")
+        path = work.ssd("e.ssd", work.system(parts, work.connection(*wire.split()) if wire else ""))
+        with pytest.raises(SystemDescriptionError) as caught:
+            convert(path, tmp_path / "converted", "fmpy" if wire else "ecos")
         return "error", [str(problem) for problem in caught.value.problems]
 
     def with_file() -> Said:
@@ -556,6 +567,8 @@ def of_conversion(stricts: Any, stricts3: Any, tmp_path: Path) -> Provoked:
         "ENGINE_TYPES": lambda: converted("libcosim", "a/n b/u"),
         "ENGINE_FMI": lambda: converted("libcosim", fmi3=True),
         "ENGINE_TABLE": with_file,
+        "ENGINE_VALUE": lambda: valued("", stricts.workshop.bindings({"e": "low"}, kind="Enumeration")),
+        "FMPY_ZERO": lambda: valued("a/ye b/e"),
     }
 
 

@@ -27,7 +27,9 @@ from cosim_master.diagnostics.limitations import (
     ENGINE_FMI,
     ENGINE_TABLE,
     ENGINE_TYPES,
+    ENGINE_VALUE,
     FMPY_TRANSFORMATION,
+    FMPY_ZERO,
 )
 from cosim_master.fmi.description.read import Variable
 from cosim_master.system.flatten.check import check
@@ -116,14 +118,34 @@ def _problems(checked: CheckedSystem, engine: str | None) -> Iterable[Problem]:
             yield Problem(link.where, FMPY_TRANSFORMATION.text(name))
         source, target = fmus[link.source[0]].variables[link.source[1]], fmus[link.target[0]].variables[link.target[1]]
         if (engine in ("libcosim", "ecos", "omsimulator") and source.type != target.type) or (
-            engine == "libcosim" and target.type == "Enumeration"
+            engine in ("libcosim", "ecos") and target.type == "Enumeration"
         ):
             yield Problem(link.where, ENGINE_TYPES.text(name, target.type, source.type, engine))
+        if engine == "fmpy" and target.items and 0 not in target.items.values():
+            yield Problem(link.where, FMPY_ZERO.text(name))
     for one in checked.instances:
         if engine and one.fmu.table is not None and not (engine == "omsimulator" and _is_linear_csv(one)):
             yield Problem(one.where, ENGINE_TABLE.text(one.name, one.fmu.path.name, engine))
         if one.fmu.fmi_version.startswith("3") and engine in ("libcosim", "fmpy"):
             yield Problem(one.where, ENGINE_FMI.text(one.name, "3.0", engine))
+        for name, value in one.start_values.items():
+            if kind := _unset(one.fmu.variables[name], value, engine):
+                yield Problem(one.where, ENGINE_VALUE.text(f"{one.name}.{name}", kind, engine))
+
+
+def _unset(variable: Variable, value: Value, engine: str | None) -> str:
+    """Returns a word for a start value that the engine cannot set; empty if it can, or if the FMU has this value itself.
+
+    libcosim and Ecos have no variables of type Enumeration. FMPy 0.3 sets no texts, and true for every Boolean that is
+    written.
+    """
+    if engine in ("libcosim", "ecos"):
+        return "an Enumeration" if variable.type == "Enumeration" else ""
+    if engine != "fmpy" or value == variable.start:
+        return ""
+    if variable.type in ("String", "Binary"):
+        return "a text"
+    return "false" if variable.type == "Boolean" and not value else ""
 
 
 def _is_linear_csv(instance: ComponentInstance) -> bool:
@@ -198,6 +220,12 @@ class _Writing:
             shown = ", ".join(f"{step:g}" for step in steps)
             self.notes.append(f"the step is {shown} s" + ("; one for all is needed" if len(steps) > 1 else ""))
         self._steps = steps
+        if engine == "omsimulator" and (changed := [link for link in checked.links if self._linear(link) is not None]):
+            ends = ", ".join(".".join(link.target) for link in changed[:3]) + (", ..." if changed[3:] else "")
+            self.notes.append(
+                f"{len(changed)} connections have a factor or an offset ({ends}), which OMSimulator applies since March "
+                "2026 (#1566); earlier versions pass the value unchanged"
+            )
         if engine in ("ecos", "fmpy") and any(one.start_values for one in checked.instances):
             how = {
                 "ecos": f'init(parameter_set="{PARAMETERS}")',
@@ -310,6 +338,8 @@ class _Writing:
             kind = variable.type if variable.type != "Clock" else "Real"
             if kind == "Integer" and self._version != "1.0":
                 kind = _SSP1.get(variable.fmi_type, variable.fmi_type or "Integer")
+            if kind == "Enumeration" and self.engine is not None:
+                kind = "Integer"  # FMPy and OMSimulator read no items
             items = {number: item for item, number in (variable.items or {}).items()}
             text = items.get(int(value), str(value)) if kind == "Enumeration" else _text(kind, value)
             _add(typed, "ssv", kind, {"value": text})
@@ -343,7 +373,7 @@ class _Writing:
             master = {"description": "oms-ma", "stepSize": repr(self._steps[0])}
             information = etree.SubElement(frame, f"{{{_OMS}}}SimulationInformation")
             etree.SubElement(information, f"{{{_OMS}}}FixedStepMaster", master)
-            elements.append(oms)
+            elements.insert(0, oms)  # OMSimulator looks at the first annotation only
         if elements:
             _add(system, "ssd", "Annotations").extend(elements)
 
@@ -354,7 +384,7 @@ class _Writing:
             f"{self._names[one.name]}.{name}": (one, name)
             for one in self.checked.instances
             for name in one.start_values
-            if one.fmu.variables[name].type not in ("String", "Binary")
+            if one.fmu.variables[name].type not in ("String", "Binary") and one.start_values[name] is not False
         }
         self._parameters(root, named)
         return etree.ElementTree(root)
