@@ -134,7 +134,7 @@ def _problems(checked: CheckedSystem, engine: str | None) -> Iterable[Problem]:
 
 
 def _unset(variable: Variable, value: Value, engine: str | None) -> str:
-    """Returns a word for a start value that the engine cannot set; empty if it can, or if the FMU has this value itself.
+    """Returns a word for a start value that the engine cannot set; empty if it can, or if it is the FMU's own.
 
     libcosim and Ecos have no variables of type Enumeration. FMPy 0.3 sets no texts, and true for every Boolean that is
     written.
@@ -223,9 +223,11 @@ class _Writing:
         if engine == "omsimulator" and (changed := [link for link in checked.links if self._linear(link) is not None]):
             ends = ", ".join(".".join(link.target) for link in changed[:3]) + (", ..." if changed[3:] else "")
             self.notes.append(
-                f"{len(changed)} connections have a factor or an offset ({ends}), which OMSimulator applies since March "
-                "2026 (#1566); earlier versions pass the value unchanged"
+                f"{len(changed)} connections have a factor or an offset ({ends}), which OMSimulator applies since "
+                "March 2026 (#1566); earlier versions pass the value unchanged"
             )
+        if engine == "fmpy" and checked.links:
+            self.notes.append("FMPy makes its first step with 0 at all connected inputs")
         if engine in ("ecos", "fmpy") and any(one.start_values for one in checked.instances):
             how = {
                 "ecos": f'init(parameter_set="{PARAMETERS}")',

@@ -214,7 +214,7 @@ def test_fmpy_runs_what_is_written_for_it(stricts: Any, tmp_path: Path) -> None:
     rows = run_by(program, zipped(folder), str(folder / "initialValues.ssv"))
     assert rows == [[0.5 * 2.0 * sum(range(6))]]
     assert signals(system, tmp_path / "out")["ab.y"][-1] == 15.0
-    assert "a is a_" in made.notes[0]
+    assert "a is a_" in made.notes[0] and "FMPy makes its first step with 0 at all connected inputs" in made.notes
 
 
 def test_an_ssp_is_written_for_others_only(nested: Path, tmp_path: Path) -> None:
