@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar
 
-from cosim import Input, Memory, Model, Output, Parameter, kernel
+from cosim import Input, Memory, Model, Output, Parameter, State, kernel
 from cosim.frames import conjugate, multiply, normalize, rotate, rotate_inverse
 from cosim.vehicle import MOTION_INPUTS, VEHICLE_OUTPUTS, Airframe
 from cosim.verdict import Bound
@@ -341,7 +341,7 @@ class Estimator(Model):
         Memory("gyro_frd", shape=3),
         Memory("force_frd", shape=3),
         Memory("field_frd", shape=3),
-        Memory("gyro_offset_frd", shape=3),
+        State("gyro_offset_frd", shape=3, unit="rad/s", description="estimated bias of the gyro, FRD"),
         Memory("accel_offset"),
         Memory("bias", shape=(6, 3)),
         Memory("normal", shape=3),

@@ -58,7 +58,7 @@ def test_rounds_are_flown_about_the_place(radius: float, sign: float) -> None:
     assert -flight[:, 3] == pytest.approx(9.0, abs=0.3)
     to_centre = math.degrees(math.atan2(-flight[-1, 2], 20.0 - flight[-1, 1]))
     assert abs((heading(copter) - to_centre + 180.0) % 360.0 - 180.0) < 15.0
-    copter.run(14.0)
+    copter.run(19.0)
     assert reached(copter) == [1, 2]
     assert texts(copter)[1:] == [
         "Mission: starting circle 2/2",
@@ -109,7 +109,7 @@ def test_a_delay_and_what_follows_it_run_beside_the_flight() -> None:
         item(4, YAW, 90.0),
         item(5, 16, north=80.0, z=6.0),
     )
-    flight = copter.run(12.0)
+    flight = copter.run(14.0)
     begun = next(t for t, m in copter.heard if m.get_type() == "STATUSTEXT" and m.text == "Mission: 5 WP")
     changed = next(t for t, m in copter.heard if m.get_type() == "STATUSTEXT" and m.text == "Mission: 3 ChangeSpeed")
     assert changed - begun == pytest.approx(3.0, abs=0.02)

@@ -260,7 +260,7 @@ def test_rtl_points_as_at_arming_before_it_lands_if_it_looks_along_its_way(behav
     copter.run(8.0)
     assert abs(copter.v["attitude"][3]) > 0.6  # looks east
     copter.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-    copter.run(45.0)
+    copter.run(55.0)
     assert not copter.m["armed"]
     assert (abs(copter.v["attitude"][3]) < 0.05) == turned  # north
 

@@ -305,14 +305,20 @@ def test_a_mission_that_is_replaced_in_flight_goes_on_at_the_same_item() -> None
     assert (6, "Auto mission changed, restarted command") in texts(copter.answers())
 
 
-def test_a_mission_that_is_cleared_in_flight_ends_with_its_item() -> None:
+def test_a_mission_that_is_flown_is_not_cleared() -> None:
     copter = Copter()
     copter.run(2.1)
     upload(copter, FLIGHT)
     begin(copter)
-    copter.run(16.0)
+    copter.run(6.0)
+    copter.heard.clear()
     copter.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
-    copter.run(15.0)
-    assert copter.m["mode"] == AUTO
-    assert copter.v["position"][0] == pytest.approx(30.0, abs=3.0)
-    assert copter.v["position"][2] == pytest.approx(-10.0, abs=0.3)
+    copter.run(0.01)
+    assert [m.type for m in copter.messages("MISSION_ACK")] == [mavlink.MAV_MISSION_ERROR]
+    assert copter.m["mission_count"] == len(FLIGHT)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mavlink.COPTER_MODE_GUIDED)
+    copter.heard.clear()
+    copter.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
+    copter.run(0.01)
+    assert [m.type for m in copter.messages("MISSION_ACK")] == [mavlink.MAV_MISSION_ACCEPTED]
+    assert copter.m["mission_count"] == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -95,6 +96,15 @@ _Record = Annotated[
         metavar="PATTERN",
         help="Signals to record, e.g. '*.position*'; may be repeated.",
         show_default="the system's, or all outputs",
+    ),
+]
+_DataFlash = Annotated[
+    bool,
+    typer.Option(
+        "--dataflash",
+        help="Record all outputs and local variables, unless --record is given, and write ArduPilot's log of each "
+        "autopilot to FOLDER/dataflash.",
+        show_default=False,
     ),
 ]
 _Threads = Annotated[
@@ -248,6 +258,7 @@ def run(
     inputs: _Inputs = None,
     solver: _Solver = None,
     record: _Record = None,
+    dataflash: _DataFlash = False,
     threads: _Threads = None,
     gcs: _Gcs = None,
     ports: _Ports = None,
@@ -291,7 +302,8 @@ def run(
             variant=variant, overrides=overrides(settings), at=changes(at), replay=replay, inputs=inputs,
             solver=solver,
             strict=strict, until=until, step=step, seed=seed,
-            out=RunFolder(folder or by_default, numbered=folder is None, force=force), record=record or (),
+            out=RunFolder(folder or by_default, numbered=folder is None, force=force),
+            record=record or (("*",) if dataflash else ()),
             checkpoint_every=checkpoint_every, origin=origin,
             pace=pace, threads=threads, profile=profile,
             isolation=chosen_isolation(isolate, step_timeout, memory_limit, restart_crashed, host),
@@ -313,11 +325,24 @@ def run(
         print_json(_document(result))
     else:
         _report(result)
+    if dataflash and result.folder is not None:
+        with errors(as_json=as_json):
+            _write_logs(result.folder)
     if folder is None and result.folder is not None and result.folder != by_default:
         note(f"{by_default} holds a run of other inputs, which --force overwrites; the results are in {result.folder}")
     leave(transport, result.error)
     if code := _exit_code(result, strict=strict):
         raise typer.Exit(code)
+
+
+def _write_logs(folder: Path) -> None:
+    """Writes the DataFlash logs of a run into its folder, in place of earlier ones."""
+    from cosim_master.results.export.formats import FORMATS, export_run
+    from cosim_master.results.export.options import Options
+
+    (one,) = (one for one in FORMATS if one.name == "dataflash")
+    shutil.rmtree(folder / one.name, ignore_errors=True)
+    notes(export_run(folder, one, folder / one.name, Options()))
 
 
 def _simulate(

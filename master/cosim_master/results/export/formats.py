@@ -72,6 +72,7 @@ FORMATS = (
     Format("rosbag", "ROS 2 bag: poses, odometry, NavSatFix, path, tf."),
     Format("rosbag1", "ROS 1 bag with the same topics.", ".bag"),
     Format("tlog", "MAVLink packets of each node, with the sequence numbers of its link."),
+    Format("dataflash", "ArduPilot's DataFlash log of each autopilot (runs with --dataflash)."),
     Format("kml", "Tracks for Google Earth.", ".kml"),
     Format("gpx", "Tracks for maps and GPS tools.", ".gpx"),
     Format("gif", "Animation of all drones, seen from above.", ".gif"),

@@ -3,9 +3,8 @@
 Navigation commands are flown one after the other: waypoint, take-off, land, return, loiter (for a time, for turns or
 unlimited) and delay. Commands that follow a navigation command (change of speed, heading, delay) run one after the
 other while the next navigation command is flown, and are dropped when that is done. Jumps are evaluated when the next
-command is selected. `run_auto` is called once per step in AUTO. Paths between waypoints are shaped as in GUIDED, not as
-ArduCopter's S-curves: a waypoint without delay is passed when the vehicle is within WPNAV_RADIUS, the others when the
-path has come to rest there. Kernels over the autopilot's record `m`; MAVLink is in `missions`.
+command is selected. `run_auto` is called once per step in AUTO. Ways between waypoints are in `waypoints`. Kernels over
+the autopilot's record `m`; MAVLink is in `missions`.
 
 Source: ArduPilot, ArduCopter mode_auto and AP_Mission.
 """
@@ -63,20 +62,19 @@ from cosim_models.autopilot.control.position import initialise_up, stop_ne, stop
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.circle import begin_circle, go_round, nearest_on_circle
 from cosim_models.autopilot.flight.guided import (
-    fly_to_point,
-    guide_position,
     rest_on_ground,
     run_land,
-    run_paused,
     run_rtl,
     run_takeoff,
+    standard_limits,
     start_land,
     start_rtl,
     start_takeoff,
 )
 from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo
-from cosim_models.autopilot.flight.plans.order import in_landing_sequence, is_nowhere, next_command, place
+from cosim_models.autopilot.flight.plans.order import in_landing_sequence, is_nowhere, next_command, place, place_from
 from cosim_models.autopilot.flight.state import disarm
+from cosim_models.autopilot.flight.waypoints import add_leg, fly_leg, leave_legs, respeed_legs, set_leg, start_legs_at
 from cosim_models.autopilot.flight.yaw import (
     circle_nose,
     default_nose,
@@ -106,7 +104,7 @@ from cosim_models.autopilot.mission.missions import (
     mission_count,
     send_reached,
 )
-from cosim_models.autopilot.record.modes import AUTO, TAKEOFF
+from cosim_models.autopilot.record.modes import AUTO, POSITION, TAKEOFF
 
 __all__ = ["change_speed", "may_pause", "run_auto"]
 
@@ -152,7 +150,6 @@ _COMMANDS = np.array(
     ),
     dtype=np.int64,
 )  # in the order of MISSION_TEXTS
-_AT_REST = 0.1  # m between the shaped path and a waypoint at which the vehicle counts as at rest
 _AT_CENTRE = 3.0  # m from a circle's centre within which the circle begins at once
 _LOOK_AT_EDGE = 5.0  # m from the circle beyond which the vehicle faces its edge during the approach
 _FINISHED = -1  # m.auto_command when the mission is finished
@@ -174,49 +171,43 @@ def change_speed(m: Any, kind: int, speed: float) -> None:
         m.speed_max = speed
     if m.mode == AUTO:
         m.auto_speed[which] = speed
+    respeed_legs(m)
 
 
 @kernel
 def may_pause(m: Any) -> bool:
     """Returns whether the mission can be paused: it flies to a point that it has not reached, and is not paused."""
     to_point = m.auto_command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_LOITER_TIME)
-    return bool(m.armed and not m.on_ground and not m.paused and to_point and not _arrived(m, False))
+    return bool(m.armed and not m.on_ground and not m.paused and to_point and not m.leg_reached)
 
 
 # ---- flight to a point ----------------------------------------------------------------------------------------------
 
 
 @kernel
-def _go_to(m: Any, n: float, e: float, u: float, t: float) -> None:
+def _go_to(m: Any, n: float, e: float, u: float) -> None:
     """Flies to a point at the speeds that the mission has requested."""
-    nose = m.yaw_mode
-    keep = keep_heading(m)
-    guide_position(m, n, e, u, t)
-    if keep:
-        m.yaw_mode = nose
-    if m.auto_speed[0] > 0.0:
-        m.speed_max = m.auto_speed[0]
-    if m.auto_speed[1] > 0.0:
-        m.speed_up = m.auto_speed[1]
-    if m.auto_speed[2] > 0.0:
-        m.speed_down = m.auto_speed[2]
-
-
-@kernel
-def _arrived(m: Any, passing: bool) -> bool:
-    p, g = m.desired_position_neu, m.guided_position_neu
-    if passing:
-        n, e, u = g[0] - m.position_neu[0], g[1] - m.position_neu[1], g[2] - m.position_neu[2]
-        return bool(n * n + e * e + u * u < (0.01 * m.WPNAV_RADIUS) ** 2)
-    n, e, u = g[0] - p[0], g[1] - p[1], g[2] - p[2]
-    return bool(n * n + e * e + u * u < _AT_REST * _AT_REST)
+    if not keep_heading(m):
+        default_nose(m)
+    if not m.legs_active:
+        standard_limits(m)
+        if m.auto_speed[0] > 0.0:
+            m.speed_max = m.auto_speed[0]
+        if m.auto_speed[1] > 0.0:
+            m.speed_up = m.auto_speed[1]
+        if m.auto_speed[2] > 0.0:
+            m.speed_down = m.auto_speed[2]
+        if m.submode == TAKEOFF:
+            start_legs_at(m, m.desired_position_neu[0], m.desired_position_neu[1], m.takeoff_to)
+    m.submode = POSITION
+    set_leg(m, n, e, u)
 
 
 # ---- LOITER_TURNS --------------------------------------------------------------------------------------------------
 
 
 @kernel
-def _begin_turns(m: Any, row: int, t: float) -> None:
+def _begin_turns(m: Any, row: int) -> None:
     """Flies to the edge of the circle, or begins at once near its centre; radii are stored in whole metres."""
     r = m.mission[row]
     n, e, up = place(m, row)
@@ -231,12 +222,12 @@ def _begin_turns(m: Any, row: int, t: float) -> None:
     m.circle_told = -1
     edge_n, edge_e, distance = nearest_on_circle(m, up)
     if distance <= _AT_CENTRE:
-        _go_to(m, m.desired_position_neu[0], m.desired_position_neu[1], m.desired_position_neu[2], t)
+        _go_to(m, m.desired_position_neu[0], m.desired_position_neu[1], m.desired_position_neu[2])
         _begin_round(m)
         return
     dn, de = m.position_neu[0] - n, m.position_neu[1] - e
     from_centre = math.sqrt(dn * dn + de * de)
-    _go_to(m, edge_n, edge_e, up, t)
+    _go_to(m, edge_n, edge_e, up)
     if from_centre <= m.circle_radius or from_centre <= _LOOK_AT_EDGE:
         hold_heading(m)
 
@@ -244,6 +235,7 @@ def _begin_turns(m: Any, row: int, t: float) -> None:
 @kernel
 def _begin_round(m: Any) -> None:
     m.auto_stage = _THERE
+    leave_legs(m)
     stop_ne(m)
     initialise_up(m)
     begin_circle(m, False)
@@ -261,7 +253,7 @@ def _turns(m: Any) -> float:
 def _has_gone_round(m: Any) -> bool:
     """Returns whether the turns are complete; reports the beginning of each turn."""
     if m.auto_stage == _GOING:
-        if _arrived(m, False):
+        if m.leg_reached:
             _begin_round(m)
         return False
     done, wanted = abs(m.circle_total) / (2.0 * math.pi), _turns(m)
@@ -269,6 +261,22 @@ def _has_gone_round(m: Any) -> bool:
         m.circle_told = int(done)
         say_with(m, INFO, ROUND_BEGINS, int(done) + 1, int(wanted))
     return bool(done >= wanted)
+
+
+@kernel
+def _pass_to(m: Any, row: int) -> None:
+    """Makes the vehicle pass a waypoint without a stop if a waypoint or a place to loiter follows."""
+    following = row
+    for _ in range(m.mission.shape[0]):
+        following = next_command(m, following + 1, False)
+        if following < 0:
+            return
+        if m.mission[following, COMMAND] <= MAV_CMD_NAV_LAST:
+            break
+    command = m.mission[following, COMMAND]
+    if command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_LOITER_TIME):
+        n, e, u = place_from(m, following, m.guided_position_neu)
+        add_leg(m, n, e, u)
 
 
 # ---- navigation commands -------------------------------------------------------------------------------------------
@@ -294,19 +302,22 @@ def _begin(m: Any, row: int, t: float) -> None:
     m.auto_since = t
     p = m.desired_position_neu
     if command == MAV_CMD_NAV_TAKEOFF and m.on_ground:
+        leave_legs(m)
         start_takeoff(m, m.home_neu[2] + m.mission[row, Z])
     elif command == MAV_CMD_NAV_TAKEOFF:
         _, _, up = place(m, row)
-        _go_to(m, p[0], p[1], up, t)
+        _go_to(m, p[0], p[1], up)
     elif command == MAV_CMD_NAV_RETURN_TO_LAUNCH:
         start_rtl(m)
     elif command == MAV_CMD_NAV_DELAY:
-        _go_to(m, p[0], p[1], p[2], t)
+        _go_to(m, p[0], p[1], p[2])
     elif command == MAV_CMD_NAV_LOITER_TURNS:
-        _begin_turns(m, row, t)
+        _begin_turns(m, row)
     else:
         n, e, u = place(m, row)
-        _go_to(m, n, e, p[2] if command == MAV_CMD_NAV_LAND else u, t)
+        _go_to(m, n, e, p[2] if command == MAV_CMD_NAV_LAND else u)
+        if command == MAV_CMD_NAV_WAYPOINT and m.mission[row, P1] <= 0.0:
+            _pass_to(m, row)
 
 
 @kernel
@@ -315,12 +326,11 @@ def _is_done(m: Any, t: float) -> bool:
     command = m.auto_command
     hold = m.mission[m.mission_current, P1]
     if command == MAV_CMD_NAV_TAKEOFF:
-        return bool(m.takeoff_done if m.submode == TAKEOFF else _arrived(m, False))
+        return bool(m.takeoff_done if m.submode == TAKEOFF else m.leg_reached)
     if command == MAV_CMD_NAV_WAYPOINT and hold <= 0.0:
-        last = m.mission_current + 1 >= mission_count(m)
-        return _arrived(m, not last)
+        return bool(m.leg_reached)
     if command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_TIME):
-        if m.auto_stage == _GOING and _arrived(m, False):
+        if m.auto_stage == _GOING and m.leg_reached:
             m.auto_stage = _THERE
             m.auto_since = t
         return bool(m.auto_stage == _THERE and t - m.auto_since >= hold)
@@ -431,7 +441,7 @@ def _advance(m: Any, row: int, t: float) -> None:
     m.mission_current = max(mission_count(m) - 1, 0)
     m.auto_command = _FINISHED
     n, e = stopping_ne(m)
-    _go_to(m, n, e, m.desired_position_neu[2], t)
+    _go_to(m, n, e, m.desired_position_neu[2])
     hold_heading(m)
 
 
@@ -463,9 +473,6 @@ def run_auto(m: Any, t: float, dt: float) -> None:
     if not m.armed or not m.auto_armed:
         rest_on_ground(m, dt)
         return
-    if m.paused:
-        run_paused(m, dt)
-        return
     _follow(m, t)
     if m.auto_rtl and not (m.mission_complete or in_landing_sequence(m)):
         m.auto_rtl = False
@@ -483,8 +490,9 @@ def run_auto(m: Any, t: float, dt: float) -> None:
         m.spool_wanted = THROTTLE_UNLIMITED
         go_round(m, 0.0, dt)
     else:
-        fly_to_point(m, dt)
-        if m.auto_command == MAV_CMD_NAV_LAND and _arrived(m, False):
+        fly_leg(m, dt)
+        if m.auto_command == MAV_CMD_NAV_LAND and m.leg_reached:
+            leave_legs(m)
             m.auto_stage = _THERE
             m.auto_landing = True
             start_land(m)

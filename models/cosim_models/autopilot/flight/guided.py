@@ -4,7 +4,6 @@ Kernels over the autopilot's record `m`, called once per step; they call the pos
 use `take_off` and the `guide_*` functions. Vectors are north, east, UP from the local origin, SI units. Modes flown by
 hand are in `manual`, the mode switching is in `modes`, the heading in `yaw`, the destination of RTL in `rally`.
 
-RTL uses the same shaper as GUIDED, not ArduCopter's waypoint S-curves.
 
 Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_guided, mode_brake, mode_land, mode_rtl, takeoff.
 """
@@ -42,6 +41,7 @@ from cosim_models.autopilot.control.shaping import clip, sqrt_controller
 from cosim_models.autopilot.flight.angles import run_angle
 from cosim_models.autopilot.flight.avoidance import avoids, slow_at_circle, slow_at_heights
 from cosim_models.autopilot.flight.state import disarm
+from cosim_models.autopilot.flight.waypoints import fly_leg, set_leg, start_legs
 from cosim_models.autopilot.flight.yaw import (
     default_nose,
     hold_heading,
@@ -72,7 +72,6 @@ __all__ = [
     "run_arrived",
     "run_guided",
     "standard_limits",
-    "fly_to_point",
     "guide_acceleration",
     "guide_position",
     "guide_position_velocity",
@@ -249,10 +248,11 @@ def start_rtl(m: Any) -> None:
     m.rtl_stage = CLIMB
     n, e, height = best_return(m)
     m.rtl_place[0], m.rtl_place[1] = n, e
-    m.guided_position_neu[0], m.guided_position_neu[1] = stopping_ne(m)
-    m.guided_position_neu[2] = m.home_neu[2] + _return_height(m, n, e, height)
     if m.RTL_SPEED > 0.0:
         m.speed_max = 0.01 * m.RTL_SPEED
+    start_legs(m)
+    g = m.guided_position_neu
+    set_leg(m, g[0], g[1], m.home_neu[2] + _return_height(m, n, e, height))
 
 
 @kernel
@@ -410,17 +410,6 @@ def run_land(m: Any, dt: float) -> None:
 
 
 @kernel
-def fly_to_point(m: Any, dt: float) -> None:
-    """Performs one step towards m.guided_position_neu."""
-    m.spool_wanted = THROTTLE_UNLIMITED
-    p = m.guided_position_neu
-    seek_position(m, p[0], p[1], p[2], dt)
-    control_ne(m, dt)
-    control_up(m, dt)
-    lean(m, dt)
-
-
-@kernel
 def _come_down(m: Any, dt: float) -> None:
     """Descends to RTL_ALT_FINAL and holds that height; the pilot may move the landing point."""
     m.spool_wanted = THROTTLE_UNLIMITED
@@ -465,18 +454,14 @@ def run_rtl(m: Any, t: float, dt: float) -> None:
     if not m.armed or m.on_ground:
         rest_on_ground(m, dt)
         return
-    fly_to_point(m, dt)
-    p = m.guided_position_neu
-    gap = m.desired_position_neu
+    fly_leg(m, dt)
     if m.rtl_stage == CLIMB:
-        if abs(p[2] - gap[2]) < 0.1:
+        if m.leg_reached:
             m.rtl_stage = RETURN
-            p[0] = m.rtl_place[0]
-            p[1] = m.rtl_place[1]
+            set_leg(m, m.rtl_place[0], m.rtl_place[1], m.guided_position_neu[2])
             default_nose(m)
     elif m.rtl_stage == RETURN:
-        near = math.sqrt((p[0] - m.position_neu[0]) ** 2 + (p[1] - m.position_neu[1]) ** 2) < 0.01 * m.WPNAV_RADIUS
-        if near and math.sqrt((p[0] - gap[0]) ** 2 + (p[1] - gap[1]) ** 2) < 0.2:
+        if m.leg_reached:
             m.rtl_stage = WAIT
             m.return_since = t
             turn_as_armed(m)

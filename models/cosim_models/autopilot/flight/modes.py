@@ -98,6 +98,7 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
         leave_smart_rtl(m)
     m.mode = mode
     m.auto_rtl = False
+    m.legs_active = False
     m.pilot_takeoff = False
     if mode in (GUIDED, AVOID_ADSB):
         guide_stop(m, t)

@@ -334,17 +334,22 @@ def send_reached(m: Any, sequence: int) -> None:
 
 @kernel
 def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
-    """Handles MISSION_CLEAR_ALL for one type; like ArduCopter, it does not support "all types" (255)."""
+    """Handles MISSION_CLEAR_ALL for one type; like ArduCopter, it does not support "all types" (255).
+
+    A mission that is being flown is kept.
+    """
     if kind > RALLY:
         ack_mission(m, MAV_MISSION_UNSUPPORTED, kind, system, component)
         return
     if m.uploading and not is_uploading(m, system, component):
         ack_mission(m, MAV_MISSION_DENIED, kind, system, component)
         return
+    if kind == 0 and m.armed and m.mode == _AUTO and not m.mission_complete:
+        ack_mission(m, MAV_MISSION_ERROR, kind, system, component)
+        return
     if kind == 0:
         m.mission_count = 1
-        if m.mode != _AUTO or m.on_ground:
-            m.mission_current = 0
+        m.mission_current = 0
     if kind == FENCE:
         m.fence_count = 0
     if kind == RALLY:

@@ -123,6 +123,8 @@ POSITION_PARAMETERS = (
     _real("WPNAV_SPEED_DN", "cm/s", 150.0, "descent rate"),
     _real("WPNAV_ACCEL", "cm/s2", 250.0, "maximum horizontal acceleration", _POSITIVE),
     _real("WPNAV_ACCEL_Z", "cm/s2", 100.0, "maximum vertical acceleration", _POSITIVE),
+    _real("WPNAV_ACCEL_C", "cm/s2", 0.0, "maximum acceleration in corners, 0: twice WPNAV_ACCEL", 0.0),
+    _real("WPNAV_JERK", "m/s3", 1.0, "maximum jerk on the way to waypoints", _POSITIVE),
     _real("WPNAV_RADIUS", "cm", 200.0, "distance at which a waypoint is reached"),
 )
 

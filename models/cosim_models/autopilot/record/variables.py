@@ -5,10 +5,11 @@ This module contains no computation.
 
 from __future__ import annotations
 
-from cosim import Input, Memory, Output, PacketInput, PacketOutput
+from cosim import Input, Memory, Output, PacketInput, PacketOutput, State
 from cosim.vehicle import MAX_MOTORS, Airframe, inputs_for
 from cosim.verdict import Role
 from cosim_models.autopilot.control.pid import PID_STATE, PLANE_STATE
+from cosim_models.autopilot.control.scurve import LEG
 from cosim_models.autopilot.link.links import LINKS
 from cosim_models.autopilot.mission.fences import FENCE_CAPACITY, FENCE_ITEM
 from cosim_models.autopilot.mission.missions import ITEM, MISSION_CAPACITY
@@ -27,22 +28,22 @@ SERVOS = 32
 
 MEMORY = (
     # sensed motion: north, east, up (NEU; the inputs are NED), and FRD
-    Memory("position_neu", shape=3),
-    Memory("velocity_neu", shape=3),
-    Memory("acceleration_neu", shape=3),  # without gravity
-    Memory("gyro", shape=3),
-    Memory("q", shape=4),
+    State("position_neu", shape=3, unit="m", description="sensed position, north, east, up"),
+    State("velocity_neu", shape=3, unit="m/s", description="sensed velocity, north, east, up"),
+    State("acceleration_neu", shape=3, unit="m/s2", description="sensed acceleration, without gravity"),
+    State("gyro", shape=3, unit="rad/s", description="filtered angular velocity, FRD"),
+    State("q", shape=4, unit="1", description="sensed attitude, body to NED"),
     Memory("filter_dt"),
     Memory("gyro_filter", shape=3),
     Memory("accel_filter", shape=3),
     Memory("gyro_delay", shape=(3, 2)),
     Memory("accel_delay", shape=(3, 2)),
     # attitude control
-    Memory("attitude_target", shape=4),
+    State("attitude_target", shape=4, unit="1", description="demanded attitude, body to NED"),
     Memory("rate_target", shape=3),  # of the target attitude, in its own axes
-    Memory("rate_wanted", shape=3),  # of the body
+    State("rate_wanted", shape=3, unit="rad/s", description="demanded angular velocity of the body, FRD"),
     Memory("rate_pid", shape=(3, PID_STATE)),
-    Memory("torque", shape=3),
+    State("torque", shape=3, unit="1", description="demanded torques, -1 to 1, FRD"),
     Memory("thrust_error"),  # angle of the thrust from the target's
     # position control: north, east, up
     Memory("speed_max"),
@@ -54,10 +55,10 @@ MEMORY = (
     Memory("jerk_up"),
     Memory("desired_position_neu", shape=3),
     Memory("desired_velocity_neu", shape=3),
-    Memory("desired_acceleration_neu", shape=3),
+    State("desired_acceleration_neu", shape=3, unit="m/s2", description="acceleration on the shaped path"),
     Memory("position_error_neu", shape=3),
-    Memory("target_velocity_neu", shape=3),
-    Memory("target_acceleration_neu", shape=3),
+    State("target_velocity_neu", shape=3, unit="m/s", description="demanded velocity, north, east, up"),
+    State("target_acceleration_neu", shape=3, unit="m/s2", description="demanded acceleration"),
     Memory("velocity_pid", shape=PLANE_STATE),
     Memory("climb_pid", shape=PID_STATE),
     Memory("accel_pid", shape=PID_STATE),
@@ -66,7 +67,7 @@ MEMORY = (
     Memory("path_turn_rate"),
     Memory("lean_max"),  # maximum lean that keeps height
     # motors
-    Memory("motor_count", dtype="i4"),
+    State("motor_count", type=int, description="motors that the mixer drives"),
     Memory("factors", shape=(MAX_MOTORS, 3)),
     Memory("thrust", shape=MAX_MOTORS),
     Memory("air_density"),  # relative to sea level
@@ -74,20 +75,20 @@ MEMORY = (
     Memory("spool_wanted", dtype="i4"),
     Memory("spin_up"),
     Memory("thrust_max"),
-    Memory("throttle_in"),
-    Memory("throttle_command"),
+    State("throttle_in", unit="1", description="demanded throttle, 0 to 1"),
+    State("throttle_command", unit="1", description="demanded throttle with the boost for the lean angle"),
     Memory("throttle_cutoff"),
     Memory("throttle_filtered"),
     Memory("throttle_average_max"),
-    Memory("throttle_out"),
-    Memory("throttle_hover"),
+    State("throttle_out", unit="1", description="throttle after the mixer, 0 to 1"),
+    State("throttle_hover", unit="1", description="throttle in hover, as learned"),
     Memory("throttle_mix"),
     Memory("limit_roll_pitch", dtype="?"),
     Memory("limit_yaw", dtype="?"),
     Memory("limit_throttle_lower", dtype="?"),
     Memory("limit_throttle_upper", dtype="?"),
     # modes
-    Memory("home_neu", shape=3),
+    State("home_neu", shape=3, unit="m", description="home, north, east, up from the local origin"),
     Memory("home_locked", dtype="?", rare=True),  # set by a command, not by arming
     Memory("armed_at"),
     Memory("armed_heading", rare=True),
@@ -122,6 +123,17 @@ MEMORY = (
     Memory("region", shape=2, rare=True),  # north and east of the region of interest
     Memory("loiter_brake"),
     Memory("loiter_since"),
+    Memory("legs", shape=(3, LEG), rare=True),  # last, this and next
+    Memory("leg_origin", shape=3, rare=True),
+    Memory("leg_next", shape=3, rare=True),  # destination of the next
+    Memory("leg_target", shape=(3, 3), rare=True),  # position, velocity, acceleration
+    Memory("leg_rate", rare=True),  # rate of time along them
+    Memory("leg_speed", rare=True),  # limit of speed, shaped while the flight pauses
+    Memory("leg_speed_full", rare=True),
+    Memory("leg_accel", rare=True),
+    Memory("legs_active", dtype="?", rare=True),
+    Memory("leg_reached", dtype="?", rare=True),
+    Memory("leg_fast", dtype="?", rare=True),  # the destination is only passed
     Memory("rtl_stage", dtype="i4"),
     Memory("return_since", rare=True),  # waiting above the place of return
     Memory("auto_rtl", dtype="?"),  # AUTO flies the landing sequence as AUTO_RTL
@@ -196,7 +208,7 @@ MEMORY = (
     Memory("pilot_turn", rare=True),
     Memory("pilot_stick", shape=2, rare=True),  # forward and right, -1 to 1
     Memory("pilot_takeoff", dtype="?"),
-    Memory("radio_lost", dtype="?"),
+    State("radio_lost", type=bool, description="whether the radio fail-safe is on"),
     Memory("radio_heard", rare=True),
     Memory("rc_override", dtype="i4", shape=CHANNELS, rare=True),  # us, 0: none
     Memory("rc_time", shape=CHANNELS, rare=True),
@@ -244,14 +256,14 @@ MEMORY = (
     Memory("next_watch"),
     Memory("station_heard", rare=True),
     Memory("station_known", dtype="?", rare=True),
-    Memory("station_lost", dtype="?"),
-    Memory("battery_voltage", rare=True),
-    Memory("battery_current", rare=True),
-    Memory("battery_used", rare=True),  # mAh
-    Memory("battery_energy", rare=True),  # J
+    State("station_lost", type=bool, description="whether the ground station fail-safe is on"),
+    State("battery_voltage", unit="V", description="voltage of the battery"),
+    State("battery_current", unit="A", description="current of the battery"),
+    State("battery_used", unit="1", description="used charge in mAh"),
+    State("battery_energy", unit="J", description="used energy"),
     Memory("battery_since", shape=2, rare=True),  # start of low and critical voltage; -1: not low
-    Memory("battery_alarm", dtype="i4", rare=True),
-    Memory("fence_breach", dtype="i4"),  # bits of FENCE_TYPE
+    State("battery_alarm", type=int, description="battery alarm: 1 low, 2 critical"),
+    State("fence_breach", type=int, description="breached fences, bits of FENCE_TYPE"),
     Memory("fence_low_armed", dtype="?", rare=True),
     # mission
     Memory("mission_count", dtype="i4"),  # number of items, including home

@@ -15,9 +15,10 @@ from typing import Any
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.attitude import follow_yaw_rate
 from cosim_models.autopilot.control.motors import THROTTLE_UNLIMITED
-from cosim_models.autopilot.control.position import GRAVITY, control_ne, control_up, seek_position
+from cosim_models.autopilot.control.position import GRAVITY, control_ne, control_up
 from cosim_models.autopilot.flight.guided import standard_limits
 from cosim_models.autopilot.flight.manual import prepare_loiter, run_loiter, start_loiter, wanted_yaw_rate
+from cosim_models.autopilot.flight.waypoints import advance_legs, set_leg, start_legs
 from cosim_models.autopilot.link.statustext import (
     INFO,
     NO_NUMBER,
@@ -32,7 +33,6 @@ from cosim_models.autopilot.link.statustext import (
 __all__ = ["return_to_pilot", "run_zigzag", "start_zigzag", "store_or_go"]
 
 _NEAR = 3.0  # m
-_AT_REST = 0.1  # m between the shaped path and the destination
 
 
 @kernel
@@ -63,9 +63,10 @@ def store_or_go(m: Any, which: int) -> None:
     n, e = n / length, e / length
     along = (places[which, 0] - p[0]) * n + (places[which, 1] - p[1]) * e
     up = m.guided_position_neu[2] if m.zigzag_moving else p[2]
-    g = m.guided_position_neu
-    g[0], g[1], g[2] = p[0] + along * n, p[1] + along * e, up
+    to_n, to_e = p[0] + along * n, p[1] + along * e
     standard_limits(m)
+    start_legs(m)
+    set_leg(m, to_n, to_e, up)
     m.zigzag_moving = True
     say(m, INFO, ZIGZAG_MOVING_A if which == 0 else ZIGZAG_MOVING_B, NO_NUMBER)
 
@@ -99,13 +100,11 @@ def run_zigzag(m: Any, t: float, dt: float) -> None:
         run_loiter(m, t, dt)
         return
     m.spool_wanted = THROTTLE_UNLIMITED
-    g, p, d = m.guided_position_neu, m.position_neu, m.desired_position_neu
-    seek_position(m, g[0], g[1], g[2], dt)
+    g, p = m.guided_position_neu, m.position_neu
+    advance_legs(m, dt)
     control_ne(m, dt)
     control_up(m, dt)
     a = m.target_acceleration_neu
     follow_yaw_rate(m, a[0], a[1], -GRAVITY, wanted_yaw_rate(m, t, dt), dt)
-    gap = math.sqrt((g[0] - d[0]) ** 2 + (g[1] - d[1]) ** 2 + (g[2] - d[2]) ** 2)
-    far = math.sqrt((g[0] - p[0]) ** 2 + (g[1] - p[1]) ** 2)
-    if gap < _AT_REST and far <= _NEAR:
+    if m.leg_reached and math.sqrt((g[0] - p[0]) ** 2 + (g[1] - p[1]) ** 2) <= _NEAR:
         return_to_pilot(m, True)

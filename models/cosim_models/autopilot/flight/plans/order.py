@@ -21,7 +21,7 @@ from cosim.messages import (
 from cosim_models.autopilot.control.position import stopping_ne
 from cosim_models.autopilot.mission.missions import COMMAND, DONE, FRAME, LATITUDE, P1, P2, Z, mission_count
 
-__all__ = ["in_landing_sequence", "is_nowhere", "landing_sequence", "next_command", "place"]
+__all__ = ["in_landing_sequence", "is_nowhere", "landing_sequence", "next_command", "place", "place_from"]
 
 _JUMPS_AT_ONCE = 64
 
@@ -29,8 +29,13 @@ _JUMPS_AT_ONCE = 64
 @kernel
 def place(m: Any, row: int) -> tuple[float, float, float]:
     """Returns north, east and up of an item; a missing position (0, 0) or height is replaced by the desired one."""
+    return place_from(m, row, m.desired_position_neu)
+
+
+@kernel
+def place_from(m: Any, row: int, p: Any) -> tuple[float, float, float]:
+    """Like `place`, but a missing position or height is replaced by that of `p` (float64[3])."""
     r = m.mission[row]
-    p = m.desired_position_neu
     n, e, u = p[0], p[1], p[2]
     if r[LATITUDE] != 0.0 or r[LATITUDE + 1] != 0.0:
         n, e, _ = local_from_geodetic(

@@ -11,22 +11,20 @@ from __future__ import annotations
 from typing import Any
 
 from cosim.kernel import kernel
-from cosim_models.autopilot.control.position import stopping_ne
 from cosim_models.autopilot.flight.guided import (
-    fly_to_point,
     guide_stop,
     rest_on_ground,
     run_arrived,
     start_descent,
 )
 from cosim_models.autopilot.flight.returning.breadcrumbs import clean_path, keep_point, take_point
+from cosim_models.autopilot.flight.waypoints import add_leg, fly_leg, set_leg, start_legs
 from cosim_models.autopilot.flight.yaw import default_nose
 from cosim_models.autopilot.record.modes import CLIMB, DESCEND, POSITION, RETURN, WAIT
 
 __all__ = ["leave_smart_rtl", "run_smart_rtl", "start_smart_rtl"]
 
 _HIGHER = 2.0  # m above the first point at which the descent begins
-_AT_REST = 0.1  # m between the shaped path and a point
 
 
 @kernel
@@ -35,12 +33,11 @@ def start_smart_rtl(m: Any, t: float) -> None:
     guide_stop(m, t)
     m.submode = POSITION
     default_nose(m)
-    m.guided_position_neu[0], m.guided_position_neu[1] = stopping_ne(m)
-    m.guided_position_neu[2] = m.desired_position_neu[2]
     m.rtl_stage = CLIMB
     m.crumb_taken = False
     if m.RTL_SPEED > 0.0:
         m.speed_max = 0.01 * m.RTL_SPEED
+    start_legs(m)
 
 
 @kernel
@@ -66,19 +63,10 @@ def _go_on(m: Any) -> None:
         m.crumb_taken = False
         m.rtl_stage = WAIT
         u += _HIGHER
-    m.guided_position_neu[0], m.guided_position_neu[1], m.guided_position_neu[2] = n, e, u
-
-
-@kernel
-def _has_reached(m: Any, passing: bool) -> bool:
-    """Returns whether the point is reached: within WPNAV_RADIUS if it is only passed, else at rest there."""
-    g, p, d = m.guided_position_neu, m.position_neu, m.desired_position_neu
-    far, gap = 0.0, 0.0
-    for i in range(3):
-        far += (g[i] - p[i]) ** 2
-        gap += (g[i] - d[i]) ** 2
-    near = far < (0.01 * m.WPNAV_RADIUS) ** 2
-    return bool(near and (passing or gap < _AT_REST * _AT_REST))
+    set_leg(m, n, e, u)
+    if m.crumb_count > 0:
+        then = m.crumbs[m.crumb_count - 1]
+        add_leg(m, then[0], then[1], then[2] + (_HIGHER if m.crumb_count == 1 else 0.0))
 
 
 @kernel
@@ -90,12 +78,12 @@ def run_smart_rtl(m: Any, dt: float) -> None:
     if not m.armed or not m.auto_armed or m.on_ground:
         rest_on_ground(m, dt)
         return
-    fly_to_point(m, dt)
+    fly_leg(m, dt)
     if m.rtl_stage == CLIMB:
         clean_path(m)
         m.rtl_stage = RETURN
         _go_on(m)
-    elif m.rtl_stage == RETURN and _has_reached(m, m.crumb_count > 0):
+    elif m.rtl_stage == RETURN and m.leg_reached:
         _go_on(m)
-    elif m.rtl_stage == WAIT and _has_reached(m, False):
+    elif m.rtl_stage == WAIT and m.leg_reached:
         start_descent(m)

@@ -1,0 +1,68 @@
+"""Legs with S-curves: limits, ends and durations, against numerical integration and closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid
+from scipy.optimize import brentq
+
+from cosim_models.autopilot.control.scurve import DURATION, LEG, along_leg, plan_leg
+
+JERK, SNAP = 1.0, 0.25 * math.pi / 0.15
+SPEEDS, ACCELS = (10.0, 2.5, 1.5), (2.5, 1.0)
+TJ = JERK * math.pi / (2.0 * SNAP)
+
+
+def leg(
+    n: float, e: float, u: float, jerk: float = JERK, snap: float = SNAP, accels: tuple[float, float] = ACCELS
+) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    row = np.full(LEG, np.nan)
+    plan_leg(row, n, e, u, SPEEDS, accels, jerk, snap)
+    return row
+
+
+@pytest.mark.parametrize("length", [0.02, 0.3, 1.0, 2.0, 5.0, 20.0, 40.0, 80.0, 200.0, 1000.0])
+@pytest.mark.parametrize(("jerk", "snap"), [(JERK, SNAP), (5.0, 20.0), (20.0, 100.0)])
+def test_motion_keeps_its_limits_and_ends_at_rest(length: float, jerk: float, snap: float) -> None:
+    row = leg(0.6 * length, 0.8 * length, 0.0, jerk, snap)
+    t = np.linspace(0.0, row[DURATION], 4001)
+    a, v, s = np.array([along_leg(row, float(x)) for x in t]).T
+    assert (s[0], v[0], a[0]) == (0.0, 0.0, 0.0)
+    assert along_leg(row, row[DURATION] - 1e-9) == pytest.approx((0.0, 0.0, length), abs=1e-6)
+    scale = max(float(np.abs(a).max()), 1e-6)
+    assert cumulative_trapezoid(a, t, initial=0.0) == pytest.approx(v, abs=1e-5 * scale * t[-1])
+    assert cumulative_trapezoid(v, t, initial=0.0) == pytest.approx(s, abs=1e-5 * max(length, 0.1))
+    js = np.gradient(a, t)
+    assert v.max() <= 10.0 * (1 + 1e-9)
+    assert np.abs(a).max() <= 2.5 * (1 + 1e-9)
+    assert np.abs(js).max() <= jerk * (1 + 1e-6)
+    assert np.abs(np.gradient(js, t)).max() <= snap * 1.02
+    assert a[::-1] == pytest.approx(-a, abs=1e-6)
+
+
+@pytest.mark.parametrize("length", [200.0, 1000.0])
+def test_a_long_leg_takes_its_closed_form(length: float) -> None:
+    """All limits are reached: way by speed, speed by acceleration, acceleration by jerk, and the raised cosine."""
+    assert leg(length, 0.0, 0.0)[DURATION] == pytest.approx(length / 10.0 + 10.0 / 2.5 + 2.5 / JERK + TJ, rel=1e-9)
+
+
+def test_a_leg_of_20_m_takes_as_long_as_arducopters() -> None:
+    """Neither speed nor acceleration is reached: accel (accel / jerk + tj)**2 is half of the way. ArduCopter: 9.3 s."""
+    top = brentq(lambda a: a * (a / JERK + TJ) ** 2 - 10.0, 0.1, 2.5, xtol=1e-13)
+    duration = leg(20.0, 0.0, 0.0)[DURATION]
+    assert duration == pytest.approx(4.0 * (top / JERK + TJ), rel=1e-9)
+    assert duration == pytest.approx(9.3, rel=0.05)
+
+
+def test_limits_belong_to_directions() -> None:
+    row = leg(0.0, 0.0, 30.0)
+    assert max(along_leg(row, float(t))[1] for t in np.linspace(0, row[DURATION], 200)) == pytest.approx(2.5, rel=1e-3)
+    down = leg(0.0, 0.0, -30.0)
+    assert along_leg(down, 0.5 * down[DURATION])[1] == pytest.approx(1.5)
+    slope = leg(30.0, 0.0, 40.0)
+    assert along_leg(slope, 0.5 * slope[DURATION])[1] == pytest.approx(2.5 / 0.8)  # climbs at 2.5 m/s
+    assert leg(0.0, 0.0, 0.0)[DURATION] == 0.0
+    assert along_leg(leg(0.0, 0.0, 0.0), 1.0) == (0.0, 0.0, 0.0)
