@@ -24,11 +24,12 @@ from cosim.build import build, load_models
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.outcome.result import RunResult
+from cosim_master.execution.preparation import isolating
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import RUNNER, describe
-from cosim_master.fmi.isolation import building
-from cosim_master.fmi.isolation.building import portable
-from cosim_master.fmi.isolation.child import Limits
+from cosim_master.fmi.isolation import building, child, runner
+from cosim_master.fmi.isolation.building import connecting, portable
+from cosim_master.fmi.isolation.child import Limits, loaded
 from cosim_master.fmi.slaves import isolated
 from cosim_master.fmi.slaves.isolated import Isolation, Scope
 from cosim_master.system.flatten.check import check
@@ -51,6 +52,19 @@ def connected(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes are those of systems without shared memory: the master's side is compiled without it, too."""
+    functions = loaded(connecting("", "-DPORTABLE"), sharing=False)
+    monkeypatch.setattr(child, "_functions", lambda: functions)
+    for module in (isolated, isolating, runner):
+        monkeypatch.setattr(module, "shares_memory", lambda: False)
+    monkeypatch.setattr(isolating, "connecting", lambda _: connecting("", "-DPORTABLE"))
+
+
+WAYS = pytest.mark.parametrize("way", ["connected", "elsewhere"])
+
+
+@pytest.fixture
 def faulties(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory) -> Faulties:
     return Faulties(workshop, _folder(tmp_path_factory))
 
@@ -63,14 +77,15 @@ def recorded(out: Path) -> Any:
     return pq.read_table(out / "signals.parquet")
 
 
+@WAYS
 def test_the_same_bits_over_a_socket(
-    faulties: Faulties, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+    faulties: Faulties, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, way: str
 ) -> None:
     """Reals, a String, two instances of a file, checkpoints with serialised states; nothing is left behind."""
     (tmp_path / "temporary").mkdir()
     system = faulties.system("none none 0", same_file=True)
     assert flown(system, tmp_path / "shared", checkpoint_every=1.0).outcome == "done"
-    request.getfixturevalue("connected")
+    request.getfixturevalue(way)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     before = leftovers()
     assert flown(system, tmp_path / "socket", checkpoint_every=1.0).outcome == "done"
@@ -78,7 +93,8 @@ def test_the_same_bits_over_a_socket(
     assert recorded(tmp_path / "socket") == recorded(tmp_path / "shared")
 
 
-def test_clocks_strings_and_binaries(stricts3: Any, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+@WAYS
+def test_clocks_strings_and_binaries(stricts3: Any, tmp_path: Path, request: pytest.FixtureRequest, way: str) -> None:
     clocked(stricts3, "a.fmu", "go", "fire")
     clocked(stricts3, "b.fmu", "go", "fire")
     ports = "text_out:output bytes_out:output ticks_fire:output"
@@ -86,7 +102,7 @@ def test_clocks_strings_and_binaries(stricts3: Any, tmp_path: Path, request: pyt
     parts += stricts3.component("b", "b.fmu", ports=f"{ports} go:input text_in:input bytes_in:input")
     system = stricts3.ssd(parts, "a/fire b/go", "a/text_out b/text_in", "a/bytes_out b/bytes_in")
     assert flown(system, tmp_path / "shared").outcome == "done"
-    request.getfixturevalue("connected")
+    request.getfixturevalue(way)
     result = flown(system, tmp_path / "socket")
     assert result.outcome == "done", result.error
     assert recorded(tmp_path / "socket") == recorded(tmp_path / "shared")
@@ -102,8 +118,10 @@ FAULTS = {
 }
 
 
+@WAYS
 @pytest.mark.parametrize("fault", FAULTS)
-def test_faults(connected: None, faulties: Faulties, tmp_path: Path, fault: str) -> None:
+def test_faults(faulties: Faulties, tmp_path: Path, fault: str, request: pytest.FixtureRequest, way: str) -> None:
+    request.getfixturevalue(way)
     result = flown(faulties.system(f"{fault} fmi2DoStep 3"), tmp_path / "out")
     assert result.outcome == "failed"
     assert str(result.error).startswith("bad: fmi2DoStep failed at t = 1 s: ")
@@ -111,19 +129,42 @@ def test_faults(connected: None, faulties: Faulties, tmp_path: Path, fault: str)
     assert rows(tmp_path / "out") == [0.0, 0.5, 1.0]
 
 
-def test_a_step_that_does_not_return(connected: None, faulties: Faulties, tmp_path: Path) -> None:
+@WAYS
+def test_a_step_that_does_not_return(
+    faulties: Faulties, tmp_path: Path, request: pytest.FixtureRequest, way: str
+) -> None:
+    request.getfixturevalue(way)
     result = flown(faulties.system("sleep fmi2DoStep 3"), tmp_path / "out", limits=Limits(seconds=2.0))
     assert "bad: fmi2DoStep failed at t = 1 s: it did not return within " in str(result.error)
     assert rows(tmp_path / "out") == [0.0, 0.5, 1.0]
 
 
-def test_a_restart(connected: None, faulties: Faulties, tmp_path: Path) -> None:
+@WAYS
+def test_a_restart(faulties: Faulties, tmp_path: Path, request: pytest.FixtureRequest, way: str) -> None:
+    request.getfixturevalue(way)
     """The recording is that of an FMU that has not crashed."""
     whole = flown(faulties.system("none none 0"), tmp_path / "whole")
     assert whole.outcome == "done"
     result = flown(faulties.system("crash1 fmi2DoStep 3"), tmp_path / "out", limits=Limits(seconds=60.0, restarts=1))
     assert (result.outcome, result.restarts) == ("done", 1), result.error
     assert recorded(tmp_path / "out") == recorded(tmp_path / "whole")
+
+
+def test_where_memory_is_not_shared_processes_are_asked_for(
+    elsewhere: None,
+    faulties: Faulties,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Without --isolate, FMUs run in the process of the run."""
+    monkeypatch.setattr(isolating, "DEFAULT", Isolation())
+    assert simulate(faulties.system("none none 0"), RunOptions(out=tmp_path / "default")).outcome == "done"
+    text = "FMUs run in this process, whose crash would end the run: processes of FMUs have not been tried on Linux"
+    assert text in caplog.text
+    assert flown(faulties.system("none none 0"), tmp_path / "wanted").outcome == "done"
+    assert "the memory, files and sockets of FMUs' processes are not limited on this system" in caplog.text
+    assert recorded(tmp_path / "default") == recorded(tmp_path / "wanted")
 
 
 def test_a_library_that_cannot_be_loaded(connected: None, faulties: Faulties, tmp_path: Path) -> None:
@@ -164,17 +205,22 @@ def test_the_quotes_of_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.parametrize("target", ["x86_64-macos", "aarch64-macos", "aarch64-linux-gnu.2.17"])
 def test_it_compiles_for_other_systems(target: str) -> None:
-    """Without a warning; what it does there is not tested."""
-    magic = {"macos": b"\xcf\xfa\xed\xfe", "linux": b"\x7fELF"}
-    assert portable(target).read_bytes().startswith(next(m for name, m in magic.items() if name in target))
+    """Without a warning, on both sides; what it does there is not tested."""
+    magic = next(m for name, m in MAGIC.items() if name in target)
+    assert portable(target).read_bytes().startswith(magic)
+    assert connecting(target, *(["-DPORTABLE"] if "linux" in target else [])).read_bytes().startswith(magic)
+
+
+MAGIC = {"macos": b"\xcf\xfa\xed\xfe", "linux": b"\x7fELF"}
 
 
 def test_it_compiles_for_windows(tmp_path: Path) -> None:
     """Without a warning; the test by Wine links it, for which the C library of Windows is compiled for a minute."""
     compiler = [sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-windows-gnu", *building._PORTABLE, "-c"]
-    source = Path(building.__file__).with_name("portable.c")
-    subprocess.run([*compiler, str(source), "-o", str(tmp_path / "portable.o")], check=True)
-    assert (tmp_path / "portable.o").read_bytes()[:2] == b"\x64\x86"  # COFF for x86_64
+    for name in ("portable", "proxy"):
+        source = Path(building.__file__).with_name(f"{name}.c")
+        subprocess.run([*compiler, str(source), "-o", str(tmp_path / f"{name}.o")], check=True)
+        assert (tmp_path / f"{name}.o").read_bytes()[:2] == b"\x64\x86"  # COFF for x86_64
 
 
 def windows_fmu(folder: Path, fmi: int) -> tuple[Path, Path]:

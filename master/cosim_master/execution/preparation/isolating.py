@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import cast, get_args
@@ -11,7 +12,7 @@ from typing import cast, get_args
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import ONLY_ONCE
 from cosim_master.diagnostics.names import matching, near_pattern
-from cosim_master.fmi.isolation.building import CannotIsolate, binaries
+from cosim_master.fmi.isolation.building import CannotIsolate, binaries, connecting, portable, shares_memory
 from cosim_master.fmi.isolation.child import TOKEN
 from cosim_master.fmi.isolation.remote import Address
 from cosim_master.fmi.slaves.isolated import Isolation, Scope, isolable
@@ -119,7 +120,7 @@ def isolation_for(chosen: Isolation | None, checked: CheckedSystem) -> Isolation
             isolation = replace(isolation, restarts=_restarts(isolation, checked))
     if any(isolation.isolates(i.fmu, i.name) for i in checked.instances):
         try:
-            binaries()
+            _ready(isolation, wanted=chosen is not None)
         except CannotIsolate as error:
             if chosen is not None:
                 raise SystemDescriptionError([Problem(Where("--isolate"), str(error))]) from None
@@ -143,6 +144,21 @@ def isolation_for(chosen: Isolation | None, checked: CheckedSystem) -> Isolation
     if problems:
         raise SystemDescriptionError(problems)
     return isolation
+
+
+def _ready(isolation: Isolation, *, wanted: bool) -> None:
+    """Finds or compiles the C part of processes.
+
+    Raises:
+        CannotIsolate: there is none, or nobody has asked for processes where they have not been tried.
+    """
+    if shares_memory() or isolation.hosts:
+        binaries()
+    elif wanted:
+        connecting("")
+        portable("")
+    else:
+        raise CannotIsolate(f"processes of FMUs have not been tried on {platform.system()}; try --isolate foreign")
 
 
 def _restarts(isolation: Isolation, checked: CheckedSystem) -> dict[str, int]:

@@ -1,5 +1,7 @@
 """Compiles the C part of isolation, or finds it: the library `isolation.so` and the program `host`.
 
+Where memory cannot be shared with a process (macOS, Windows), they are `proxy` alone, for sockets, and `portable`.
+
     python -m cosim_master.fmi.isolation.building FOLDER
 
 writes both to FOLDER/isolation-DIGEST/ for a wheel, where DIGEST is that of their sources. They are looked for in
@@ -23,7 +25,7 @@ from pathlib import Path
 
 from cosim_master.files.kept import intact, private_cache, seal
 
-__all__ = ["HOST", "LIBRARY", "CannotIsolate", "binaries", "portable"]
+__all__ = ["HOST", "LIBRARY", "CannotIsolate", "binaries", "connecting", "portable", "shares_memory"]
 
 LIBRARY, HOST = "isolation.so", "host"
 _SOURCES = Path(__file__).parent
@@ -36,6 +38,11 @@ class CannotIsolate(Exception):
     """FMUs cannot have processes of their own here; the text says why."""
 
 
+def shares_memory() -> bool:
+    """Returns whether FMUs' processes share memory with the master here; otherwise, sockets connect them."""
+    return sys.platform == "linux" and platform.machine() in ("x86_64", "aarch64")
+
+
 @cache
 def binaries() -> Path:
     """Returns the folder with LIBRARY and HOST.
@@ -43,7 +50,7 @@ def binaries() -> Path:
     Raises:
         CannotIsolate: this is not Linux, or the sources have not been compiled and cannot be.
     """
-    if sys.platform != "linux" or platform.machine() not in ("x86_64", "aarch64"):
+    if not shares_memory():
         raise CannotIsolate(f"processes of FMUs need Linux on x86_64 or aarch64, and this is {platform.platform()}")
     name = f"isolation-{_digest()}"
     shipped = _SOURCES.parents[1] / "compiled" / name
@@ -77,8 +84,33 @@ def portable(target: str) -> Path:
     Raises:
         CannotIsolate: it has not been compiled and cannot be.
     """
-    windows = "windows" in target
-    kept = private_cache() / "isolation" / f"portable-{_digest(target)}{'.exe' if windows else ''}"
+    return _native("portable", target, ".exe" if _windows(target) else "")
+
+
+@cache
+def connecting(target: str, *flags: str) -> Path:
+    """Returns the library of the master's side for processes that are connected by sockets only.
+
+    Args:
+        target: the system, as for `portable`.
+        flags: further ones of the compiler. "-DPORTABLE" makes on Linux, too, what other systems have.
+
+    Raises:
+        CannotIsolate: it has not been compiled and cannot be.
+    """
+    macos = "macos" in target or (not target and sys.platform == "darwin")
+    suffix = ".dll" if _windows(target) else ".dylib" if macos else ".so"
+    more = ("-shared", "-fvisibility=hidden", *flags, *(() if _windows(target) else ("-fPIC",)))
+    return _native("proxy", target, suffix, *more)
+
+
+def _windows(target: str) -> bool:
+    return "windows" in target or (not target and sys.platform == "win32")
+
+
+def _native(name: str, target: str, suffix: str, *flags: str) -> Path:
+    """Returns a file compiled from a source without shared memory."""
+    kept = private_cache() / "isolation" / f"{name}-{_digest(' '.join((target, *flags)))}{suffix}"
     if not intact(kept):
         if find_spec("ziglang") is None:
             text = "their C part is not compiled: install uav-cosim[build], which brings a C compiler"
@@ -87,8 +119,8 @@ def portable(target: str) -> Path:
         with tempfile.TemporaryDirectory(dir=kept.parent, prefix="new-") as folder:
             fresh = Path(folder) / kept.name
             command = [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else []), *_PORTABLE]
-            more = ["-lws2_32"] if windows else list(_LIBRARIES)
-            _run([*command, str(_SOURCES / "portable.c"), "-o", str(fresh), *more])
+            more = ["-lws2_32"] if _windows(target) else list(_LIBRARIES)
+            _run([*command, *flags, str(_SOURCES / f"{name}.c"), "-o", str(fresh), *more])
             fresh.replace(kept)
         seal(kept)
     return kept

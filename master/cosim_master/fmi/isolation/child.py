@@ -23,9 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from cosim_master.files import temporary
-from cosim_master.fmi.isolation.building import HOST, LIBRARY, binaries
+from cosim_master.fmi.isolation.building import HOST, LIBRARY, binaries, connecting, shares_memory
 
-__all__ = ["FIRST_BYTES", "TOKEN", "Child", "End", "Limits", "Process", "Restart"]
+__all__ = ["FIRST_BYTES", "TOKEN", "Child", "End", "Limits", "Process", "Restart", "loaded"]
 
 log = logging.getLogger(__name__)
 
@@ -35,6 +35,8 @@ TOKEN = "UAV_COSIM_TOKEN"
 FIRST_BYTES = 1 << 18
 """Initial size of the shared memory, which grows when a message needs more."""
 _OUTPUT_BYTES = 8192
+_SHARING = ("isolated_open", "isolated_reopen", "isolated_relay")
+"""Functions that need memory in common."""
 _ALIVE, _SIGNALLED, _EXITED, _TIMED_OUT, _BROKEN, _DIFFERENT, _LOST = range(7)
 _START_ANEW = ctypes.CFUNCTYPE(ctypes.c_bool)
 _PATIENCE = 6
@@ -129,7 +131,12 @@ class Restart:
 
 @cache
 def _functions() -> Any:
-    functions = ctypes.CDLL(str(binaries() / LIBRARY))
+    return loaded(binaries() / LIBRARY if shares_memory() else connecting(""), sharing=shares_memory())
+
+
+def loaded(library: Path, *, sharing: bool) -> Any:
+    """Returns the C library of the master's side; without `sharing`, for processes connected by sockets."""
+    functions = ctypes.CDLL(str(library))
     pointer, text, number = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int
     for name, result, arguments in (
         ("isolated_open", pointer, (*[number] * 4, ctypes.c_double, ctypes.c_double)),
@@ -151,8 +158,9 @@ def _functions() -> Any:
         ("isolated_relay", number, (pointer, number)),
         ("isolated_direct", None, (pointer, number)),
     ):
-        function = getattr(functions, name)
-        function.restype, function.argtypes = result, arguments
+        if sharing or name not in _SHARING:
+            function = getattr(functions, name)
+            function.restype, function.argtypes = result, arguments
     return functions
 
 
@@ -257,7 +265,7 @@ class Process:
                 name = f" ({signal.Signals(number).name})"
             except ValueError:
                 name = ""
-            full = memory > _FULL * self.limits.bytes
+            full = memory > 0 and memory > _FULL * self.limits.bytes
             if number == signal.SIGABRT and _THROWN.search(self.output()):
                 thrown = "it has thrown a C++ exception, which nobody catches"
                 return f"{thrown}: its process was ended by signal {number}{name}"

@@ -9,25 +9,17 @@
    then only waits for the reply.
 
    If the process ends or does not return in time, every later call of its instances returns fatal, unless it may be
-   started anew (restart.h). It may be on another machine (remote.h). */
+   started anew (restart.h). It may be on another machine (remote.h), or be connected by a socket here, as always where
+   memory cannot be shared (system.h). */
+
+#define _GNU_SOURCE
+#include "system.h"
 
 #include "channel.h"
 
-#include <errno.h>
-#include <fcntl.h>
-#include <linux/futex.h>
 #include <math.h>
-#include <poll.h>
-#include <signal.h>
 #include <stdlib.h>
-#include <sys/mman.h>
-#include <sys/socket.h>
-#include <sys/syscall.h>
-#include <sys/wait.h>
-#include <time.h>
-#include <unistd.h>
 
-#define EXPORT __attribute__((visibility("default")))
 #define ERROR 3
 #define DISCARD 2
 #define MOST_KNOWN 64
@@ -126,7 +118,7 @@ static bool append_number(Buffer *b, uint64_t number) { return append(b, &number
 static void read_output(Channel *c) {
     char block[4096];
     for (;;) {
-        ssize_t n = read(c->output, block, sizeof block);
+        int n = read_some(c->output, block, sizeof block);
         if (n <= 0) return;
         size_t kept = c->n_lines + (size_t)n > OUTPUT_BYTES ? OUTPUT_BYTES - (size_t)n : c->n_lines;
         memmove(c->lines, c->lines + c->n_lines - kept, kept);
@@ -135,6 +127,7 @@ static void read_output(Channel *c) {
     }
 }
 
+#if SHARES
 static void found_dead(Channel *c) {
     siginfo_t info;
     memset(&info, 0, sizeof info);
@@ -147,38 +140,38 @@ static void found_dead(Channel *c) {
     }
     read_output(c);
 }
+#endif
 
 static void end_by(Channel *c, End end) {
-    Header *h = header(c);
     if (c->socket >= 0) {
-        shutdown(c->socket, SHUT_RDWR); /* which ends the process */
+        hang_up(c->socket); /* which ends the process */
         c->end = end;
         return;
     }
+#if SHARES
+    Header *h = header(c);
     c->end_function = h->running <= N_FUNCTIONS ? h->running : 0, c->end_owner = h->owner;
     kill(c->pid, SIGKILL);
     siginfo_t info;
     waitid(P_PID, (id_t)c->pid, &info, WEXITED | WNOWAIT);
     read_output(c);
     c->end = end;
-}
-
-static int64_t now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
+#endif
 }
 
 static bool map(Channel *c, size_t least);
 static bool receive_reply(Channel *c);
 static bool readable(Channel *c, double limit);
+#if SHARES
 static bool pulse(Channel *c);
+#endif
 
 /* Waits until the process hands over; returns false, with `end`, if it never will. The time during which this process
    was stopped does not count. */
 static bool wait_for_turn(Channel *c, double limit) {
     if (c->direct && !readable(c, limit)) return end_by(c, TIMED_OUT), false;
     if (c->socket >= 0) return receive_reply(c); /* the other machine has the time limit */
+#if SHARES
     uint32_t *turn = &header(c)->turn;
     int64_t slice = FIRST_SLICE, waited = 0, began = 0;
     uint32_t executed = 0;
@@ -207,9 +200,11 @@ static bool wait_for_turn(Channel *c, double limit) {
         }
         slice = 2 * slice < LONGEST_SLICE ? 2 * slice : LONGEST_SLICE;
     }
+#endif
     return true;
 }
 
+#if SHARES
 /* Follows the size of the shared file, which either side may have lengthened. */
 static bool map(Channel *c, size_t least) {
     Header *h = header(c);
@@ -227,6 +222,18 @@ static bool map(Channel *c, size_t least) {
     c->memory = memory, c->mapped = size;
     return true;
 }
+#else
+static bool map(Channel *c, size_t least) {
+    size_t size = c->mapped;
+    while (size < least) size *= 2;
+    if (size == c->mapped) return true;
+    char *memory = size > LARGEST ? NULL : realloc(c->memory, size);
+    if (memory == NULL) return false;
+    memset(memory + c->mapped, 0, size - c->mapped);
+    c->memory = memory, c->mapped = size;
+    return true;
+}
+#endif
 
 typedef void (*Logger2)(void *, const char *, int, const char *, const char *, ...);
 typedef void (*Logger3)(void *, int, const char *, const char *);
@@ -254,6 +261,15 @@ static void pass_log_on(Channel *c) {
     free(copy);
 }
 
+static void wake(Channel *c) {
+#if SHARES
+    __atomic_store_n(&header(c)->turn, OF_FMU, __ATOMIC_RELEASE);
+    syscall(SYS_futex, &header(c)->turn, FUTEX_WAKE, 1, NULL, NULL, 0);
+#else
+    (void)c;
+#endif
+}
+
 static void translate(Channel *c, char *data, size_t bytes);
 static bool send_request(Channel *c, size_t bytes, double limit);
 
@@ -266,8 +282,7 @@ static bool hand_over(Channel *c, const Buffer *operations, bool translated, dou
     if (translated) translate(c, c->memory + MESSAGES, bytes);
     h->request = bytes, h->executed = 0;
     if (c->socket >= 0) return send_request(c, bytes, limit);
-    __atomic_store_n(&h->turn, OF_FMU, __ATOMIC_RELEASE);
-    syscall(SYS_futex, &h->turn, FUTEX_WAKE, 1, NULL, NULL, 0);
+    wake(c);
     return true;
 }
 
@@ -727,6 +742,7 @@ EXPORT int isolated_post(void *handle, double t, double step, int final) {
 
 /* ---- what the master asks about a process ------------------------------------------------------------------------ */
 
+#if SHARES
 /* Waits until a process that was just started has loaded its FMU; returns NULL without memory for it.
 
    file: the shared memory; process: a pidfd of pid; output: a pipe with its output; limit, patience: see Channel. */
@@ -735,7 +751,7 @@ EXPORT Channel *isolated_open(int file, int process, int pid, int output, double
     if (c == NULL) return NULL;
     c->file = file, c->process = process, c->pid = pid, c->output = output, c->limit = limit, c->patience = patience;
     c->socket = c->master = -1;
-    fcntl(output, F_SETFL, O_NONBLOCK);
+    read_without_waiting(output);
     size_t size = (size_t)lseek(file, 0, SEEK_END);
     c->memory = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
     if (c->memory == MAP_FAILED) return free(c), NULL;
@@ -744,18 +760,25 @@ EXPORT Channel *isolated_open(int file, int process, int pid, int output, double
     if (c->end == ALIVE && header(c)->version != VERSION) end_by(c, BROKEN);
     return c;
 }
+#endif
 
 /* Opens a channel to a process on another machine, which isolated_relay serves there; returns NULL without memory.
 
-   file: memory of this process; socket: blocking, with time limits for silence (SO_RCVTIMEO, SO_SNDTIMEO). */
+   file: memory of this process, where SHARES; socket: blocking, with time limits for silence (SO_RCVTIMEO, SO_SNDTIMEO). */
 EXPORT Channel *isolated_connect(int file, int socket, double limit, double patience) {
     Channel *c = calloc(1, sizeof *c);
     if (c == NULL) return NULL;
     c->file = file, c->process = c->output = c->master = -1, c->socket = socket;
     c->limit = limit, c->patience = patience;
+#if SHARES
     c->mapped = (size_t)lseek(file, 0, SEEK_END);
     c->memory = mmap(NULL, c->mapped, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
     if (c->memory == MAP_FAILED) return free(c), NULL;
+#else
+    c->mapped = 2 * MESSAGES;
+    c->memory = calloc(1, c->mapped);
+    if (c->memory == NULL) return free(c), NULL;
+#endif
     receive_state(c);
     return c;
 }
@@ -763,7 +786,7 @@ EXPORT Channel *isolated_connect(int file, int socket, double limit, double pati
 /* Says that the process at the other end of the socket is portable.c, with a pipe of its output. */
 EXPORT void isolated_direct(Channel *c, int output) {
     c->direct = true, c->output = output;
-    fcntl(output, F_SETFL, O_NONBLOCK);
+    read_without_waiting(output);
 }
 
 /* Replaces a process on another machine that has ended by a new one; returns whether that has loaded the FMU. */
@@ -772,6 +795,7 @@ EXPORT bool isolated_reconnect(Channel *c, int socket) {
     return receive_state(c);
 }
 
+#if SHARES
 /* Serves a master on another machine until the connection or the process ends; returns the end of the process. */
 EXPORT int isolated_relay(Channel *c, int socket) {
     c->master = socket;
@@ -779,10 +803,15 @@ EXPORT int isolated_relay(Channel *c, int socket) {
     c->master = -1;
     return c->end;
 }
+#endif
 
 EXPORT void isolated_close(Channel *c) {
     while (c->instances != NULL) forget(c->instances);
+#if SHARES
     munmap(c->memory, c->mapped);
+#else
+    free(c->memory);
+#endif
     Buffer *all[] = {&c->request, &c->begun, &c->start, &c->since, &c->made, &c->states};
     for (size_t n = 0; n < sizeof all / sizeof *all; n++) free(all[n]->data);
     free_kept(&c->kept);
@@ -797,6 +826,7 @@ EXPORT void isolated_restart_by(Channel *c, int most, unsigned every, bool (*sta
     c->most_restarts = most, c->every = every, c->start_anew = start_anew;
 }
 
+#if SHARES
 /* Replaces a process that has ended by a new one, as isolated_open; returns whether that has loaded the FMU. */
 EXPORT bool isolated_reopen(Channel *c, int file, int process, int pid, int output) {
     size_t size = (size_t)lseek(file, 0, SEEK_END);
@@ -805,12 +835,13 @@ EXPORT bool isolated_reopen(Channel *c, int file, int process, int pid, int outp
     munmap(c->memory, c->mapped);
     c->memory = memory, c->mapped = size, c->end = ALIVE, c->n_lines = 0;
     c->file = file, c->process = process, c->pid = pid, c->output = output;
-    fcntl(output, F_SETFL, O_NONBLOCK);
+    read_without_waiting(output);
     if (!wait_for_turn(c, c->patience)) return false;
     if (header(c)->version == VERSION && !header(c)->failed) return true;
     end_by(c, BROKEN);
     return false;
 }
+#endif
 
 /* Forbids to start the process anew. */
 EXPORT void isolated_give_up(Channel *c) { c->given_up = true; }
@@ -829,12 +860,11 @@ EXPORT void isolated_quit(Channel *c) {
     Header *h = header(c);
     if (c->end != ALIVE) return;
     if (c->socket >= 0) {
-        shutdown(c->socket, SHUT_RDWR);
+        hang_up(c->socket);
         return;
     }
     h->quit = 1, h->request = 0;
-    __atomic_store_n(&h->turn, OF_FMU, __ATOMIC_RELEASE);
-    syscall(SYS_futex, &h->turn, FUTEX_WAKE, 1, NULL, NULL, 0);
+    wake(c);
 }
 
 EXPORT const char *isolated_refusal(Channel *c) { return header(c)->failed ? header(c)->text : NULL; }

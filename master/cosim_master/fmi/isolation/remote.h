@@ -8,32 +8,7 @@
 #ifndef REMOTE_H
 #define REMOTE_H
 
-#include <sys/uio.h>
-
 #define PULSE 1000000000 /* ns */
-
-static bool transmit(int socket, struct iovec *parts, size_t n) {
-    while (n > 0) {
-        struct msghdr message = {.msg_iov = parts, .msg_iovlen = n};
-        ssize_t sent = sendmsg(socket, &message, MSG_NOSIGNAL);
-        if (sent < 0 && errno == EINTR) continue;
-        if (sent < 0) return false;
-        for (; n > 0 && (size_t)sent >= parts->iov_len; parts++, n--) sent -= (ssize_t)parts->iov_len;
-        if (n > 0) parts->iov_base = (char *)parts->iov_base + sent, parts->iov_len -= (size_t)sent;
-    }
-    return true;
-}
-
-/* Receives all of `bytes`; false, with errno or 0 if the other side has closed the connection. */
-static bool receive(int socket, void *data, size_t bytes) {
-    for (char *at = data; bytes > 0;) {
-        ssize_t n = recv(socket, at, bytes, MSG_WAITALL);
-        if (n < 0 && errno == EINTR) continue;
-        if (n <= 0) return errno = n == 0 ? 0 : errno, false;
-        at += n, bytes -= (size_t)n;
-    }
-    return true;
-}
 
 /* ---- on the master's machine ------------------------------------------------------------------------------------- */
 
@@ -68,9 +43,8 @@ static bool receive_reply(Channel *c) {
 
 /* Waits until the process has sent something or has ended; false if it does neither within `limit` s (0: any time). */
 static bool readable(Channel *c, double limit) {
-    struct pollfd process = {c->socket, POLLIN, 0};
     for (int64_t began = now(), passed = 0; limit <= 0 || (double)passed < limit * 1e9; passed = now() - began) {
-        if (poll(&process, 1, 50) > 0) return true;
+        if (has_message(c->socket, 50)) return true;
         read_output(c); /* a full pipe would stop it */
     }
     return false;
@@ -91,6 +65,8 @@ static bool receive_state(Channel *c) {
 
 /* ---- on the machine of the process ------------------------------------------------------------------------------- */
 
+#if SHARES
+
 static bool tell(Channel *c, const void *reply, size_t bytes) {
     Header *h = header(c);
     bool over = c->end != ALIVE;
@@ -103,8 +79,7 @@ static bool tell(Channel *c, const void *reply, size_t bytes) {
 
 /* Tells the master that the process is busy; false if the master has gone: it sends nothing while it waits. */
 static bool pulse(Channel *c) {
-    struct pollfd master = {c->master, POLLIN, 0};
-    if (poll(&master, 1, 0) > 0) return false;
+    if (has_message(c->master, 0)) return false;
     int64_t at = now();
     if (at - c->pulsed < PULSE) return true;
     c->pulsed = at;
@@ -129,5 +104,7 @@ static void relay(Channel *c) {
         header(c)->log = 0;
     }
 }
+
+#endif
 
 #endif

@@ -1,7 +1,7 @@
 """The process of an FMU file that another program runs, such as Wine for an FMU of Windows: connected by TCP.
 
-The program is `portable` (portable.c), which is also the form of an isolated process for systems without shared memory
-and futex. It is neither restricted nor limited in memory, because Wine itself needs sockets, files and memory.
+The program is `portable` (portable.c), which is also the form of an isolated process on macOS and Windows. It is
+neither restricted nor limited in memory, because Wine itself needs sockets, files and memory.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ import secrets
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from cosim_master.files import temporary
+from cosim_master.fmi.isolation.building import shares_memory
 from cosim_master.fmi.isolation.child import FIRST_BYTES, TOKEN, Limits, Process
 from cosim_master.fmi.isolation.remote import keep_alive
 
@@ -49,17 +51,16 @@ class Runner(Process):
         self._file, self._folder = str(library), folder
         self._temporary = temporary.made()
         self._connection: socket.socket | None = None
-        self._memory = os.memfd_create("uav-cosim")
-        os.ftruncate(self._memory, FIRST_BYTES)
+        self._memory = _memory()
         try:
             self._start()
         except BaseException:
-            os.close(self._memory)
+            _close(self._memory)
             temporary.remove(self._temporary)
             raise
         assert self._connection is not None
         self._open(self.functions.isolated_connect(self._memory, self._connection.fileno(), *limits.of_calls))
-        self.functions.isolated_direct(self.channel, self._output)
+        self.functions.isolated_direct(self.channel, _of_system(self._output))
 
     def _start(self) -> None:
         secret = secrets.token_hex(16)
@@ -118,7 +119,7 @@ class Runner(Process):
         old[0].close()
         os.close(old[1])
         well = bool(self.functions.isolated_reconnect(self.channel, self._connection.fileno()))
-        self.functions.isolated_direct(self.channel, self._output)
+        self.functions.isolated_direct(self.channel, _of_system(self._output))
         return well
 
     def _loss(self, number: int) -> str:
@@ -137,13 +138,39 @@ class Runner(Process):
 
     def _discard(self) -> None:
         with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+            if sys.platform == "win32":  # which has no groups; what the program has started ends without its master
+                self._process.kill()
+            else:
+                os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
 
     def _stop(self) -> None:
         self._discard()
         assert self._connection is not None
         self._connection.close()
-        os.close(self._memory)
+        _close(self._memory)
         os.close(self._output)
         temporary.remove(self._temporary)
+
+
+def _memory() -> int:
+    """Returns a file in memory for messages; -1 where the C library needs none (system.h)."""
+    if not shares_memory():
+        return -1
+    memory = os.memfd_create("uav-cosim")
+    os.ftruncate(memory, FIRST_BYTES)
+    return memory
+
+
+def _close(descriptor: int) -> None:
+    if descriptor >= 0:
+        os.close(descriptor)
+
+
+def _of_system(pipe: int) -> int:
+    """Returns the number by which the system knows a pipe: on Windows, descriptors are of the C library of Python."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        return msvcrt.get_osfhandle(pipe)
+    return pipe

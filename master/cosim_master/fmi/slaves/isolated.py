@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import FmuDescription, runner
-from cosim_master.fmi.isolation.building import CannotIsolate, portable
+from cosim_master.fmi.isolation.building import CannotIsolate, portable, shares_memory
 from cosim_master.fmi.isolation.child import Child, Limits, Process
 from cosim_master.fmi.isolation.remote import Address
 from cosim_master.fmi.isolation.runner import Runner
@@ -162,6 +162,12 @@ class IsolatedLibrary(Library):
                 )
                 self._limits = replace(self._limits, restricted=False)
                 return Runner(command, portable(_WINDOWS), library, self.resources.parent, self._limits)
+            if not shares_memory():
+                _note("note: the memory, files and sockets of FMUs' processes are not limited on this system")
+                if self.python:
+                    raise CannotIsolate("a Python FMU has no process of its own on this system; try --isolate none")
+                self._limits = replace(self._limits, restricted=False)
+                return Runner([], portable(""), library, self.resources.parent, self._limits)
             return Child(library, self.resources.parent, self._limits, python=self.python, writable=self._writable)
         except (OSError, CannotIsolate) as error:
             text = f"its process cannot be started: {getattr(error, 'strerror', None) or error}"
