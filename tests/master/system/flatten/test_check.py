@@ -270,6 +270,19 @@ class TestHierarchy:
         fahrenheit = 100.0 * 1.8 + 32.0 + 1.0
         assert link.factor * 100.0 + link.offset == pytest.approx((fahrenheit - 32.0) / 1.8 + 273.15)
 
+    @pytest.mark.parametrize("unit", ["", "mile"])
+    def test_a_unit_without_definition_on_the_way_is_not_converted(self, workshop: Any, unit: str) -> None:
+        """Behind it, the unit is still that of the FMU, which has a definition: only one connection is named."""
+        component = workshop.component("unit", "unit.fmu", "u:input y:output")
+        inner = workshop.connection("unit/y", "far")
+        system = workshop.system(component, inner, name="a", connectors="far:output:Real:km").replace("km", unit)
+        system += workshop.component("b", "unit.fmu", "u:input")
+        checked = check(read_system(workshop.ssd("h.ssd", workshop.system(system, workshop.connection("a/far", "b/u")))))
+        (link,) = checked.links
+        assert (link.factor, link.offset) == (1.0, 0.0)
+        (finding,) = [str(note) for note in checked.notes if isinstance(note, Finding)]
+        assert f'unit.y to a.far: not converted: unit "m" cannot be converted to "{unit}": "{unit}" has no' in finding
+
     def test_one_ssd_five_times(self, workshop: Any) -> None:
         component = workshop.component("vehicle", "unit.fmu", "u:input y:output")
         inner = workshop.connection("go", "vehicle/u") + workshop.connection("vehicle/y", "is")
