@@ -546,9 +546,9 @@ CHANGE = Limitation(
 )
 NOT_A_NUMBER = Limitation(
     "Runs",
-    'outputs that are NaN, unless the annotation org.uav-cosim.master of the system says nan="allow"',
+    'outputs that are NaN, unless the run or the annotation org.uav-cosim.master says nan="allow"',
     "failure",
-    '{} is not a number; where that is meant, allow it: <master xmlns="https://uav-cosim.org/ns/1" nan="allow"/>',
+    '{} is not a number; where that is meant, allow it: --set master.nan=allow, or nan="allow" of <master> in the system',
 )
 INITIAL_LOOP = Limitation(
     "Runs",

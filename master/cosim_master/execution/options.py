@@ -25,7 +25,7 @@ class RunOptions:
 
     Attributes:
         variant: selects one of several .ssd in an archive or folder.
-        overrides: start values by hierarchical name or pattern, and settings of radio and recording ("network.loss"),
+        overrides: start values by hierarchical name or pattern, and settings of radio, recording and master ("network.loss"),
             as text: see `check`.
         at: (time in s, hierarchical name, text): tunable parameters and open inputs to be set during the run.
         inputs: a CSV file with values of open inputs over time: see `stimuli`.

@@ -74,7 +74,7 @@ def look_at(study: Study, run: Planned) -> Place:
 
 
 def is_setting(name: str) -> bool:
-    """Returns whether a name of `--set` is that of a setting of radio or recording."""
+    """Returns whether a name of `--set` is that of a setting of radio, recording or master."""
     return name.partition(".")[0] in SETTINGS
 
 

@@ -6,7 +6,7 @@
     NAME@30=0,5           values that are set at 30 s; until then, the runs that differ in them alone are one run
 
 NAME is that of `--set`: a hierarchical name, a pattern ("drone*.agent.epsilon", all with the same value), or a setting
-of radio or recording ("network.loss").
+of radio, recording or master ("network.loss").
 """
 
 from __future__ import annotations

@@ -56,8 +56,8 @@ Settings = Annotated[
     typer.Option(
         "--set",
         metavar="COMPONENT.PARAMETER=VALUE",
-        help="Override a start value, by name or pattern ('drone*.vehicle.mass=2'), or a setting of radio or recording "
-        "(network.loss=0.2); may be repeated.",
+        help="Override a start value, by name or pattern ('drone*.vehicle.mass=2'), or a setting of radio, "
+        "recording or master (network.loss=0.2); may be repeated.",
     ),
 ]
 Until = Annotated[

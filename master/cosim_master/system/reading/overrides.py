@@ -1,8 +1,8 @@
-"""Settings of radio and recording that a run overrides: `network.loss`, `recording.interval`.
+"""Settings of radio, recording and master that a run overrides: `network.loss`, `recording.interval`, `master.nan`.
 
-Their names consist of the tag of the annotation's element and an attribute of the annotations org.uav-cosim.network and
-org.uav-cosim.recording. An element of the root system with the name of the tag takes precedence: names that begin with
-it are then variables, and only the annotation can set the radio or the recording.
+Their names consist of the tag of the annotation's element and an attribute of the annotations org.uav-cosim.network,
+org.uav-cosim.recording and org.uav-cosim.master. An element of the root system with the name of the tag takes precedence: names that begin with
+it are then variables, and only the annotation can set the radio, the recording or the master.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from cosim_master.system.structure import SystemStructure
 
 __all__ = ["SETTINGS", "apart", "hidden"]
 
-SETTINGS = ("network", "recording")
+SETTINGS = ("network", "recording", "master")
 
 
 def apart(overrides: Mapping[str, str], structure: SystemStructure) -> tuple[dict[str, str], dict[str, dict[str, str]]]:

@@ -59,7 +59,9 @@ class Changeable:
             return [variables[name]]
         if not is_pattern(name):
             if name.partition(".")[0] in SETTINGS:
-                raise ValueError("settings of radio and recording cannot change during a run; give them by --set")
+                raise ValueError(
+                    "settings of radio, recording and master cannot change during a run; give them by --set"
+                )
             raise ValueError(f"there is no such variable; {near(name, variables)}")
         found = matching(name, variables)
         if not found:

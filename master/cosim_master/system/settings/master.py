@@ -228,7 +228,7 @@ def master_settings_of(checked: CheckedSystem) -> MasterSettings:
     """
     problems: list[Problem] = []
     reader = root_annotation(checked, ANNOTATION, "master", problems)
-    if reader.element is None and not problems:
+    if reader.absent and not problems:
         return MasterSettings()
     algorithm = reader.choice("algorithm", "jacobi", tuple(ALGORITHMS))
     kind = ALGORITHMS[algorithm]

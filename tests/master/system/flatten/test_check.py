@@ -277,7 +277,9 @@ class TestHierarchy:
         inner = workshop.connection("unit/y", "far")
         system = workshop.system(component, inner, name="a", connectors="far:output:Real:km").replace("km", unit)
         system += workshop.component("b", "unit.fmu", "u:input")
-        checked = check(read_system(workshop.ssd("h.ssd", workshop.system(system, workshop.connection("a/far", "b/u")))))
+        checked = check(
+            read_system(workshop.ssd("h.ssd", workshop.system(system, workshop.connection("a/far", "b/u"))))
+        )
         (link,) = checked.links
         assert (link.factor, link.offset) == (1.0, 0.0)
         (finding,) = [str(note) for note in checked.notes if isinstance(note, Finding)]

@@ -136,7 +136,7 @@ def test_changes_by_pattern(three: Any) -> None:
     [
         ("x*.wind[2]", "--at: 0.5 x*.wind[2]=4: it matches no variable; "),
         ("d*[2]", "it matches 6 variables, one of them d1.vehicle.position[2]: it is output, continuous; only tunable"),
-        ("network.loss", "settings of radio and recording cannot change during a run; give them by --set"),
+        ("network.loss", "settings of radio, recording and master cannot change during a run; give them by --set"),
     ],
 )
 def test_changes_that_cannot_be_made(three: Any, pattern: str, message: str) -> None:
