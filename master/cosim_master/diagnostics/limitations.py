@@ -548,7 +548,7 @@ NOT_A_NUMBER = Limitation(
     "Runs",
     'outputs that are NaN, unless the run or the annotation org.uav-cosim.master says nan="allow"',
     "failure",
-    '{} is not a number; where that is meant, allow it: --set master.nan=allow, or nan="allow" of <master> in the system',
+    '{} is not a number; where that is meant, allow it: --set master.nan=allow, or nan="allow" of <master>',
 )
 INITIAL_LOOP = Limitation(
     "Runs",

@@ -25,8 +25,8 @@ class RunOptions:
 
     Attributes:
         variant: selects one of several .ssd in an archive or folder.
-        overrides: start values by hierarchical name or pattern, and settings of radio, recording and master ("network.loss"),
-            as text: see `check`.
+        overrides: start values by hierarchical name or pattern, and settings of radio, recording and master
+            ("network.loss"), as text: see `check`.
         at: (time in s, hierarchical name, text): tunable parameters and open inputs to be set during the run.
         inputs: a CSV file with values of open inputs over time: see `stimuli`.
         solver: solver of FMUs for Model Exchange, in the notation of `solvers.Choice.parsed`; an FMU that runs alone is

@@ -211,7 +211,7 @@ def test_two_failures_in_one_step_are_both_reported(probes: Any) -> None:
     assert probes.calls[-1] == "a: free"
 
 
-NAN = 'where that is meant, allow it: --set master.nan=allow, or nan="allow" of <master> in the system'
+NAN = 'where that is meant, allow it: --set master.nan=allow, or nan="allow" of <master>'
 NAN_AT_THE_START = f"a: fmi2GetReal failed at t = 0 s: y is not a number; {NAN}"
 NAN_IN_A_STEP = f"a: fmi2GetReal failed at t = 0.5 s: y is not a number; {NAN}; its inputs: u = 0.25, n = 1, b = 1"
 

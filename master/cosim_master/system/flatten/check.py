@@ -58,8 +58,8 @@ def check(structure: SystemStructure, overrides: Mapping[str, str] | None = None
     Args:
         structure: the result of `read_system`.
         overrides: start values by hierarchical name ("drone1.autopilot.WPNAV_SPEED") or pattern
-            ("drone*.vehicle.mass"), and settings of radio, recording and master ("network.loss"), as text. They override all
-            values in the files; of two values for the same variable, the later one takes precedence.
+            ("drone*.vehicle.mass"), and settings of radio, recording and master ("network.loss"), as text. They
+            override all values in the files; of two values for the same variable, the later one takes precedence.
 
     Raises:
         SystemDescriptionError: all problems of the structure, its FMUs, connections and parameters.

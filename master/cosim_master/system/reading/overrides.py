@@ -1,8 +1,8 @@
 """Settings of radio, recording and master that a run overrides: `network.loss`, `recording.interval`, `master.nan`.
 
 Their names consist of the tag of the annotation's element and an attribute of the annotations org.uav-cosim.network,
-org.uav-cosim.recording and org.uav-cosim.master. An element of the root system with the name of the tag takes precedence: names that begin with
-it are then variables, and only the annotation can set the radio, the recording or the master.
+org.uav-cosim.recording and org.uav-cosim.master. An element of the root system with the name of the tag takes
+precedence: names that begin with it are then variables, and only the annotation can set these.
 """
 
 from __future__ import annotations

@@ -93,8 +93,8 @@ def as_model_exchange(structure: SystemStructure) -> SystemStructure:
 def full_names(structure: SystemStructure, values: Mapping[str, str]) -> dict[str, str]:
     """Returns values by hierarchical name; for a system of one FMU, the given names may be names of variables.
 
-    Settings of radio, recording and master keep their names; a variable with such a name must be preceded by the name of the
-    model.
+    Settings of radio, recording and master keep their names; a variable with such a name must be preceded by the name
+    of the model.
     """
     if structure.path.suffix.lower() != ".fmu":
         return dict(values)

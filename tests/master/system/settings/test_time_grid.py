@@ -184,7 +184,7 @@ def test_nan_is_an_error_unless_it_is_allowed(foreigners: Any, tmp_path: Path) -
     result = simulate(foreigners.ssd(parts), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "failed"
     assert (
-        'y is not a number; where that is meant, allow it: --set master.nan=allow, or nan="allow" of <master> in the system'
+        'y is not a number; where that is meant, allow it: --set master.nan=allow, or nan="allow" of <master>'
         in str(result.error)
     )
     note = '<master xmlns="https://uav-cosim.org/ns/1" nan="allow"/>'
