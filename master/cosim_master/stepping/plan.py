@@ -51,7 +51,8 @@ from cosim_master.system.settings.time_grid import TimeGrid
 
 __all__ = ["make_plan", "page_of", "rows_of_block"]
 
-_BLOCK_BYTES = 8 << 20
+_BLOCK_BYTES = 1 << 20
+"""Of values; a block should remain in the processor's cache until it is handed over."""
 _COUNTERS, _SHARED_AT = 17, 512
 """Number of counters, and the place of `Plan.shared` in the page that begins with them, bytes."""
 

@@ -21,7 +21,7 @@ import numpy as np
 from cosim.channel import PACKET
 from cosim.kernel import PLAIN
 from cosim_master.fmi.calls import CALL
-from cosim_master.network.radio import queues, router
+from cosim_master.network.radio import logs, queues, router
 from cosim_master.network.radio import tables as radio
 from cosim_master.network.radio.tables import Radio
 from cosim_master.stepping.kernels import instances, macro_step, tables, threads
@@ -29,7 +29,7 @@ from cosim_master.stepping.kernels.tables import Plan
 
 __all__ = ["EVERY_RUN", "compile_loop", "types_of"]
 
-EVERY_RUN = ("run", "collect_all", "places_needed", "sent_bytes")
+EVERY_RUN = ("run", "collect_all", "places_needed", "sent_bytes", "divide")
 """Kernels that every run requires."""
 
 _STRUCTURED = {
@@ -125,6 +125,7 @@ def compile_loop(names: Sequence[str] | None = None) -> None:
         "admit": (router.admit, (air, numba.float64[::1], whole, whole, received, whole)),
         "arrived": (queues.arrived, (endpoints, places, whole, whole)),
         "deliver": (queues.deliver, (air, whole, whole, port)),
+        "divide": (logs.divide, (received, whole, chosen, port)),
     }
     for name in names or kernels:
         kernel, types = kernels[name]

@@ -308,7 +308,10 @@ class Full:
 def test_a_disk_that_is_full(
     probes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int, *, footer: bool
 ) -> None:
-    """In the first row group, in the third, or only when the file is completed: every row is there."""
+    """In the first row group, in the third, or only when the file is completed: every row is there.
+
+    Another thread writes a row group while the next one is collected.
+    """
     from cosim_master.results.recording import recording
     from cosim_master.results.storage.parquet import signals_writer
 
@@ -324,7 +327,7 @@ def test_a_disk_that_is_full(
     assert str(result.error) == text + "what was recorded until then stays readable"
     manifest = json.loads((out / "manifest.json").read_text())
     assert (manifest["outcome"], manifest["error"]) == ("failed", str(result.error))
-    rows = {0: 16, 2: 48, 99: 101}[room]
+    rows = {0: 32, 2: 64, 99: 101}[room]
     assert signals(out)["time"].to_pylist() == [k / 100 for k in range(rows)]
     repaired = repair(out)  # there is room again
     assert (repaired["outcome"], repaired["error"]) == ("failed", str(result.error))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import struct
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from cosim_master.diagnostics.errors import RecordingFailed
 from cosim_master.network.radio.tables import OUTCOMES
@@ -63,6 +61,7 @@ class PacketLog:
         }
         self._last = len(nodes)  # the target of packets without one
         self._file, self._logs, self._files = file, logs, log_names(network)
+        self._ends = np.zeros(len(logs), np.int64)
         self._schema = packets_schema()
         self._seen = self._in_logs = 0  # events and bytes of the chunk that are written
         self._group: list[pa.Table] = []
@@ -105,7 +104,8 @@ class PacketLog:
             RecordingFailed: a file cannot be written. If it is the journal, the row group may be written again.
         """
         if self._used and not self._file.faults.files:
-            self._file.write(pa.concat_tables(self._group).combine_chunks())
+            group = list(self._group)
+            self._file.write(self._used, lambda: pa.concat_tables(group).combine_chunks())
         self._group.clear()
         self._used = 0
 
@@ -123,23 +123,19 @@ class PacketLog:
 
     def _write_logs(self, block: np.ndarray[Any, Any]) -> None:
         """Writes the entries of a block (`Packets.log`) to the logs of their nodes, and those sent to the last one."""
-        begin = np.array(_entries(block.data), np.int64)
-        heads = block[begin[:, None] + np.arange(16)]
-        ticks, entry, length = (heads[:, at].copy().view(kind)[:, 0] for at, kind in _HEAD)
-        stamps = (EPOCH + ticks // 1000).astype(">u8").view(np.uint8).reshape(-1, 8)
-        node = np.minimum(entry >> 1, len(self._logs) - 1)  # quiet gateways have no log
-        order = np.argsort(node, kind="stable")
-        ends = np.searchsorted(node[order], np.arange(len(self._logs)))
-        for log, first, last in zip(self._logs, ends, ends[1:], strict=False):
-            if last > first:
-                _write(log, block, begin, length, stamps, order[first:last])
-        sent = np.flatnonzero(entry & 1)
-        if sent.size:
-            _write(self._logs[-1], block, begin, length, stamps, sent)
+        from cosim_master.network.radio.logs import divide  # a kernel: others import this module for a name
+
+        divide(block, EPOCH, self._ends, content := np.empty(2 * block.size, np.uint8))
+        begin = 0
+        for log, end in zip(self._logs, self._ends.tolist(), strict=True):
+            if end > begin:
+                log.write(content[begin:end].data)
+                log.flush()
+            begin = end
 
     def take_over(self, table: pa.Table) -> None:
         """Appends a row group of an earlier recording. Raises OSError."""
-        self._file.append(table)
+        self._file.append(table.num_rows, lambda: table)
         self._file.journal.packets(table)
         self._file.journal.end_group("packets")
 
@@ -169,37 +165,6 @@ class PacketLog:
             with self._file.faults.noted(Path(self._logs[-1].name)):
                 for log in self._logs:
                     log.close()
-
-
-def _entries(block: memoryview) -> list[int]:
-    """Returns the positions of the entries of a block of the log."""
-    at, found, read = 0, [], struct.Struct("<i").unpack_from
-    while at < len(block):
-        found.append(at)
-        at += 16 + read(block, at + 12)[0]
-    return found
-
-
-def _write(
-    log: Any,
-    block: np.ndarray[Any, Any],
-    begin: NDArray[np.int64],
-    length: NDArray[np.int32],
-    stamps: NDArray[np.uint8],
-    chosen: NDArray[np.int64],
-) -> None:
-    """Writes the stamps and packets of the entries chosen, in this order, without a call for each."""
-    size = 8 + length[chosen]
-    place = np.concatenate(([0], np.cumsum(size)))
-    source = np.repeat(begin[chosen] + 8 - place[:-1], size) + np.arange(place[-1])  # 16 bytes before it, 8 here
-    content = block[source]
-    content[place[:-1, None] + np.arange(8)] = stamps[chosen]
-    log.write(content.data)
-    log.flush()
-
-
-_HEAD = (slice(0, 8), "<i8"), (slice(8, 12), "<i4"), (slice(12, 16), "<i4")
-"""Places and types of time, node and length at the beginning of an entry."""
 
 
 def _node_names(network: Network) -> list[str]:

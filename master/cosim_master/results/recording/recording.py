@@ -143,6 +143,7 @@ class Recording:
     def _table_file(self, what: str, writer: Any, journal: Journal) -> TableFile:
         self._opened.enter_context(closing(writer))
         file = TableFile(self.folder, what, writer, journal, self._faults, in_segments=self._in_segments)
+        self._opened.callback(file.stop)
         self._files[what] = file
         return file
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from cosim_master.diagnostics.errors import RecordingFailed
 from cosim_master.results.recording.table_file import TableFile
@@ -19,7 +22,7 @@ _GROUP_BYTES = 32 << 20
 
 
 class SignalRecorder:
-    """Writes rows to the journal as soon as it receives them, and collects them by signals for the file.
+    """Writes rows to the journal as soon as it receives them, and collects them for the file.
 
     Row groups have the same number of rows, except where checkpoints end them, and do not depend on the chunks.
     """
@@ -31,9 +34,13 @@ class SignalRecorder:
         self._seen = 0  # rows of the chunk that are in the journal and the row group
         reals, integers, _ = columns.widths
         self._room = max(16, min(_GROUP_BYTES // (8 * reals + 4 * integers + 8), 1 << 18))
-        self._time, self._texts, self._used = np.empty(self._room), list[list[str]](), 0
-        self._reals = np.empty((reals, self._room + _APART))
-        self._integers = np.empty((integers, self._room + _APART), np.int32)
+        self._texts, self._used = list[list[str]](), 0
+        # two, since one is written by another thread while the next one is collected
+        self._both = [self._buffers(reals, integers) for _ in range(2)]
+
+    def _buffers(self, reals: int, integers: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Returns buffers for times, real and integer values of a row group."""
+        return np.empty(self._room), np.empty((self._room, reals)), np.empty((self._room, integers), np.int32)
 
     def initialised(self, seen: Seen) -> None: ...
     def stepped(self, seen: Seen) -> None: ...
@@ -61,10 +68,8 @@ class SignalRecorder:
 
     def _collect(self, rows: Rows) -> None:
         first, self._used = self._used, self._used + len(rows.time)
-        self._time[first : self._used] = rows.time
-        for at in range(first, self._used, _TILE):
-            tile, part = slice(at, min(at + _TILE, self._used)), slice(at - first, at - first + _TILE)
-            self._reals[:, tile], self._integers[:, tile] = rows.reals[part].T, rows.integers[part].T
+        for buffer, values in zip(self._both[0], (rows.time, rows.reals, rows.integers), strict=True):
+            buffer[first : self._used] = values
         self._texts += map(list, rows.texts)
 
     def end_group(self) -> None:
@@ -75,14 +80,16 @@ class SignalRecorder:
         """
         used = self._used
         if used and not self._file.faults.files:
-            values = self._time[:used], self._reals[:, :used], self._integers[:, :used], self._texts
-            self._file.write(self._columns.table_of(*values))
+            time, reals, integers = self._both[0]
+            rows = Rows(time[:used], reals[:used], integers[:used], list(self._texts))
+            self._file.write(used, partial(self._columns.table, rows))
+            self._both.reverse()
         self._used = 0
         self._texts.clear()
 
     def take_over(self, table: pa.Table) -> None:
         """Appends a row group of an earlier recording. Raises OSError."""
-        self._file.append(table)
+        self._file.append(table.num_rows, lambda: table)
         self._file.journal.rows(self._columns.rows(table))
         self._file.journal.end_group("signals")
 
@@ -96,8 +103,3 @@ class SignalRecorder:
             self.end_group()
         self.end_group()
         self._file.close()
-
-
-_TILE, _APART = 32, 8
-"""Rows that are sorted by signals at a time, in the processor's cache. Signals are not a power of two apart: all
-of them would need the same lines of the cache."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -36,7 +38,7 @@ class Faults:
         try:
             yield
         except OSError as error:
-            failure = RecordingFailed(str(file), error.strerror or str(error))
+            failure = RecordingFailed(str(file), os.strerror(error.errno) if error.errno else str(error))
             if file.suffix == ".arrows":
                 self.journal = True
             else:
@@ -66,13 +68,19 @@ class TableFile:
         self._what, self._writer, self._in_segments = what, writer, in_segments
         self._segment_file = folder / "checkpoints" / f"{what}.parquet"
         self._segment: Any = None
+        self._thread = ThreadPoolExecutor(1, f"{what} of a run")
+        self._pending: Future[None] | None = None
 
     @property
     def journal_file(self) -> Path:
         return self._file.with_suffix(".arrows")
 
-    def write(self, table: pa.Table) -> None:
+    def write(self, rows: int, make: Callable[[], pa.Table]) -> None:
         """Marks the end of a row group in the journal, and writes it to the file.
+
+        Args:
+            rows: the number of rows.
+            make: makes the table, in another thread; its data must not change until the next call.
 
         Raises:
             RecordingFailed: a file cannot be written; the same row group may then be given again.
@@ -81,20 +89,42 @@ class TableFile:
             with self.faults.noted(self.journal_file):
                 self.journal.end_group(self._what)
         with self.faults.noted(self._file):
-            self.append(table)
+            self.append(rows, make)
 
-    def append(self, table: pa.Table) -> None:
-        """Writes a row group to the file alone. Raises OSError."""
+    def append(self, rows: int, make: Callable[[], pa.Table]) -> None:
+        """Writes a row group to the file alone, as `write` does; the one before is complete then.
+
+        numpy and pyarrow sort and compress without the interpreter's lock, so the run goes on meanwhile.
+
+        Raises:
+            OSError: this row group or the one before cannot be written.
+        """
+        self._wait()
+        self.groups += -(-rows // ROW_GROUP) or 1
+        self._pending = self._thread.submit(self._append, make)
+
+    def _wait(self) -> None:
+        pending, self._pending = self._pending, None
+        if pending is not None:
+            pending.result()
+
+    def _append(self, make: Callable[[], pa.Table]) -> None:
+        table = make()
         self._writer.write_table(table)
         if self._in_segments:
             if self._segment is None:
                 self._segment_file.parent.mkdir(exist_ok=True)
                 self._segment = pq.ParquetWriter(self._segment_file, table.schema, compression="zstd")
             self._segment.write_table(table)
-        self.groups += -(-table.num_rows // ROW_GROUP) or 1
 
     def segment(self) -> list[Path]:
-        """Returns the complete segment since the last call, if it has rows; the caller then owns it."""
+        """Returns the complete segment since the last call, if it has rows; the caller then owns it.
+
+        Raises:
+            RecordingFailed: a row group cannot be written.
+        """
+        with self.faults.noted(self._file):
+            self._wait()
         if self._segment is None:
             return []
         self._segment.close()
@@ -112,3 +142,7 @@ class TableFile:
                 for segment in self.segment():
                     segment.unlink()
                 self._writer.close()
+
+    def stop(self) -> None:
+        """Ends the thread, after the row group that it is writing."""
+        self._thread.shutdown()

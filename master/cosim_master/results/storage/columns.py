@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from cosim_master.results.storage.arrays import array_of, texts
 from cosim_master.stepping.observation import Rows
@@ -48,23 +46,11 @@ class Columns:
 
     def table(self, rows: Rows) -> pa.Table:
         """Returns rows as a table."""
-        return self.table_of(rows.time, rows.reals.T, rows.integers.T, rows.texts)
-
-    def table_of(
-        self, time: NDArray[np.float64], reals: NDArray[Any], integers: NDArray[Any], rows: Sequence[Sequence[str]]
-    ) -> pa.Table:
-        """Returns the table of values that are sorted by signals.
-
-        Args:
-            time: (n,) s.
-            reals, integers: (number of values, n), as `Rows` has them in its columns. They are not copied where the
-                values of a signal are contiguous, and must not change while the table is used.
-            rows: n lists of texts.
-        """
+        time, reals, integers = rows.time, np.ascontiguousarray(rows.reals.T), np.ascontiguousarray(rows.integers.T)
         arrays = [array_of(time, pa.float64())]
         for field, place in zip(list(self.schema)[1:], self.places, strict=True):
             if pa.types.is_string(field.type):
-                arrays.append(texts([row[place] for row in rows]))
+                arrays.append(texts([row[place] for row in rows.texts]))
             elif pa.types.is_floating(field.type):
                 arrays.append(array_of(reals[place], field.type))
             elif field.type in _WIDE.values():

@@ -21,7 +21,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -67,8 +67,8 @@ class Journal:
                 with suppress(OSError):  # a file system without locks
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             for what, schema in self._schemas.items():
-                file = opened.enter_context((self.folder / f"{what}.arrows").open("wb", buffering=0))
-                self._streams[what] = pa.ipc.new_stream(pa.PythonFile(_Whole(file), "w"), schema)
+                file = opened.enter_context(pa.OSFile(str(self.folder / f"{what}.arrows"), "wb"))
+                self._streams[what] = pa.ipc.new_stream(file, schema)
             for what in self._streams:
                 self.end_group(what)  # writes the columns, without which nothing is readable
             self._opened = opened.pop_all()
@@ -100,23 +100,6 @@ class Journal:
     def close(self) -> None:
         """Closes the files."""
         self._opened.close()
-
-
-class _Whole:
-    """A file that writes everything it is given, also where the system takes a part of it at a time."""
-
-    closed = False
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
-
-    def write(self, content: Any) -> None:
-        rest = memoryview(content)
-        while rest:
-            rest = rest[self._file.write(rest) :]
-
-    def flush(self) -> None:
-        """Has nothing in a buffer."""
 
 
 def _schema_of_rows(columns: Columns) -> pa.Schema:
@@ -244,4 +227,4 @@ def read_journal(file: Path) -> pa.Table:
         CosimError: the process ended before it had written the columns.
     """
     schema, groups = schema_of(file), [*groups_of(file)]
-    return pa.concat_tables(groups) if groups else schema.empty_table()
+    return pa.concat_tables(groups) if groups else pa.Table.from_batches([], schema)
