@@ -6,8 +6,9 @@ With processes, all instances begin their steps before the results of any are aw
 With --hosted, the processes are also those of `uav-cosim serve`, over TCP of this machine (one process per file). The
 bare round trip of one byte over TCP between two processes of Python is measured, too.
 
-With --ecos, Ecos takes part too, in its process and with its proxyfmu (one process per instance); it reads connected
-outputs only.
+With --ecos, Ecos takes part too, in its process and with its proxyfmu (one process per instance). With --proxyfmu FILE,
+libcosim does, in its process and with its proxyfmu (one process per instance), a program that no package has: it is
+compiled from github.com/open-simulation-platform/proxy-fmu. Both read connected outputs only.
 
 A ring of N instances of one compiled FMU, as in overhead.py, which counts as a foreign one because it does not list its
 sources. A step sets the inputs, calls doStep and gets the outputs. All take turns in one run, and must compute
@@ -28,13 +29,13 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, chdir
 from importlib import import_module
 from pathlib import Path
 from secrets import token_urlsafe
 from typing import Any, cast
 
-from overhead import COMPARED, RINGS, STEP, Ecos, Ours, load_tbb, write_ring
+from overhead import COMPARED, RINGS, STEP, Ecos, Libcosim, Ours, load_tbb, write_ring
 from report import machine, show, write
 
 from cosim.build import build, load_models
@@ -60,7 +61,38 @@ def foreign(fmu: Path, folder: Path) -> Path:
 
 
 ECOS = ("Ecos", "Ecos, proxyfmu")
-ECOS_STEPS = 2_000
+LIBCOSIM = ("libcosim", "libcosim, proxyfmu")
+PROXYFMU = "of-libcosim"
+"""The folder with libcosim's proxyfmu, in that of this program."""
+OTHERS_STEPS = 2_000
+
+
+class LibcosimProxied(Libcosim):
+    """libcosim with its proxyfmu, which it looks for in the working directory. Ecos would take that one, too."""
+
+    def __init__(self, ours: Ours, folder: Path) -> None:
+        silent = import_module("libcosimpy.CosimLogging")
+        silent.log_output_level(silent.CosimLogLevel.ERROR)
+        fmu = ours.execution.slaves[0].library.fmu
+        n = len(ours.execution.slaves)
+        source = f"proxyfmu://localhost?file={os.path.relpath(fmu.path, folder)}"
+        simulators = "".join(f'<Simulator name="n{i}" source="{source}" stepSize="{STEP}"/>' for i in range(n))
+        connections = "".join(
+            f'<VariableConnection><Variable simulator="n{i}" name="{source}"/>'
+            f'<Variable simulator="n{(i + 1) % n}" name="{target}"/></VariableConnection>'
+            for i in range(n)
+            for source, target in RINGS[fmu.model_name][1]
+        )
+        structure = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
+        (folder / "OspSystemStructure.xml").write_text(
+            f'<OspSystemStructure xmlns="{structure}" version="0.1"><StartTime>0.0</StartTime>'
+            f"<BaseStepSize>{STEP}</BaseStepSize><Algorithm>fixedStep</Algorithm><Simulators>{simulators}</Simulators>"
+            f"<Connections>{connections}</Connections></OspSystemStructure>\n",
+            encoding="utf-8",
+        )
+        cosim = import_module("libcosimpy.CosimExecution").CosimExecution
+        with chdir(PROXYFMU):
+            self._execution = cosim.from_osp_config_file(str(folder))
 
 
 def offer_proxyfmu(folder: Path) -> None:
@@ -112,7 +144,7 @@ def bare_round_trip(count: int = 20_000) -> float:
 
 
 def measure(
-    fmu: Path, n: int, rounds: int, scale: float, *, ecos: bool = False, host: Address | None = None
+    fmu: Path, n: int, rounds: int, scale: float, others: Sequence[str], *, host: Address | None = None
 ) -> dict[str, Any]:
     """The best and the median over `rounds` turns of the time per FMU step in us, for a ring of `n` instances."""
     steps = {scope: max(1, round(count * scale / n)) for scope, count in STEPS.items()}
@@ -138,9 +170,9 @@ def measure(
         if any(one.values() != runs["none"].values() for one in runs.values()):
             raise RuntimeError("the outputs of isolated FMUs are not those of the FMUs in this process")
         contenders: dict[str, Any] = dict(runs)
-        for name in ECOS if ecos else ():
-            contenders[name] = Ecos(runs["none"], stack, proxy=name != "Ecos")
-            steps[name], times[name] = max(1, round(ECOS_STEPS * scale / n)), []
+        for name in others:
+            contenders[name] = contender(name, runs["none"], folder, stack)
+            steps[name], times[name] = max(1, round(OTHERS_STEPS * scale / n)), []
         for _ in range(rounds):
             for name, one in contenders.items():
                 times[name].append(1e6 * one.run(steps[name]) / (n * steps[name]))
@@ -152,6 +184,13 @@ def measure(
     }
 
 
+def contender(name: str, ours: Ours, folder: Path, stack: ExitStack) -> Any:
+    """Another engine, with the same ring."""
+    if name in ECOS:
+        return Ecos(ours, stack, proxy=name != ECOS[0])
+    return Libcosim(ours) if name == LIBCOSIM[0] else LibcosimProxied(ours, folder)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--instances", type=int, nargs="+", default=[1, 10, 100], metavar="N")
@@ -159,12 +198,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--rounds", type=int, default=15, help="turns of each")
     parser.add_argument("--scale", type=float, default=1.0, help="times the steps of a turn")
     parser.add_argument("--ecos", action="store_true", help="compare with Ecos and its proxy (ecospy)")
+    parser.add_argument("--proxyfmu", type=Path, metavar="FILE", help="compare with libcosim and this proxy of it")
     parser.add_argument("--hosted", action="store_true", help="compare with processes behind TCP (uav-cosim serve)")
     parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args(arguments)
     options.json = options.json and options.json.absolute()
     host, rows = machine("ziglang"), []
-    more = (*(HOSTED if options.hosted else ()), *(ECOS if options.ecos else ()))
+    others = (*(ECOS if options.ecos else ()), *(LIBCOSIM if options.proxyfmu else ()))
+    more = (*(HOSTED if options.hosted else ()), *others)
     with ExitStack() as stack:
         temporary = stack.enter_context(tempfile.TemporaryDirectory(prefix="uav-cosim-isolation-"))
         folder = Path(temporary).resolve()
@@ -172,13 +213,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if options.ecos:
             load_tbb()
             offer_proxyfmu(folder)
-            os.chdir(folder)  # proxyfmu writes its logs there
+        if options.proxyfmu:
+            (folder / PROXYFMU).mkdir()
+            shutil.copy(options.proxyfmu, folder / PROXYFMU / "proxyfmu")
+        os.chdir(folder)  # programs of others write their logs there
         for name in options.fmus:
             (model,) = load_models(RINGS[name][0])
             fmu = foreign(build(model, folder).file, folder / "foreign")
-            rows += [
-                measure(fmu, n, options.rounds, options.scale, ecos=options.ecos, host=place) for n in options.instances
-            ]
+            rows += [measure(fmu, n, options.rounds, options.scale, others, host=place) for n in options.instances]
     bare = f"a bare round trip over TCP: {bare_round_trip():.1f} us" if options.hosted else ""
     cells = []
     for row in rows:

@@ -111,31 +111,38 @@ def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None)
         limit: largest total size of the unpacked files in bytes; `MAX_BYTES` by default.
 
     Raises:
-        SystemDescriptionError: the file is not a ZIP archive, or the archive is refused. The contents of `directory`
-            are then not usable.
+        SystemDescriptionError: the file is not a ZIP archive, the archive is refused, or there is no room for its
+            files. The contents of `directory` are then not usable.
 
     Returns:
         The number of bytes written.
     """
     limit = MAX_BYTES if limit is None else limit
     with _opened(path, shown) as archive:
-        left = limit
-        for entry in archive.infolist():
-            target = directory.joinpath(*PurePosixPath(entry.filename).parts)
-            if entry.is_dir():
-                target.mkdir(parents=True, exist_ok=True)
-                continue
-            target.parent.mkdir(parents=True, exist_ok=True)
-            with archive.open(entry) as source, target.open("wb") as sink:
-                # The size in the directory of an archive may be wrong, so the bytes written are counted.
-                while chunk := source.read(min(1 << 20, left + 1)):
-                    left -= len(chunk)
-                    if left < 0:
-                        raise _refuse(shown, ARCHIVE.text(limit))
-                    sink.write(chunk)
-            if entry.external_attr >> 16 & stat.S_IXUSR:
-                target.chmod(0o755)
-        return limit - left
+        try:
+            return _unpack(archive, directory, shown, limit)
+        except OSError as error:  # a full disk, a limit of file sizes
+            raise _refuse(shown, f"cannot be unpacked to {directory}: {error.strerror or error}") from error
+
+
+def _unpack(archive: zipfile.ZipFile, directory: Path, shown: str, limit: int) -> int:
+    left = limit
+    for entry in archive.infolist():
+        target = directory.joinpath(*PurePosixPath(entry.filename).parts)
+        if entry.is_dir():
+            target.mkdir(parents=True, exist_ok=True)
+            continue
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with archive.open(entry) as source, target.open("wb") as sink:
+            # The size in the directory of an archive may be wrong, so the bytes written are counted.
+            while chunk := source.read(min(1 << 20, left + 1)):
+                left -= len(chunk)
+                if left < 0:
+                    raise _refuse(shown, ARCHIVE.text(limit))
+                sink.write(chunk)
+        if entry.external_attr >> 16 & stat.S_IXUSR:
+            target.chmod(0o755)
+    return limit - left
 
 
 def pack(files: Mapping[str, Path], path: Path) -> None:

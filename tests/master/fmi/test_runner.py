@@ -6,6 +6,7 @@ needs Wine, whose first start for a user takes a minute.
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -17,6 +18,8 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+import fmpy
+import fmpy.fmi2
 import pyarrow.parquet as pq
 import pytest
 
@@ -333,19 +336,72 @@ def test_runners_that_are_refused(
     assert text in str(found.value)
 
 
+@pytest.fixture(scope="module")
+def windows_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """That of Wine, which its first start fills."""
+    return str(tmp_path_factory.mktemp("prefix"))
+
+
 @pytest.mark.skipif(WINE is None, reason="Wine is not installed")
 def test_an_fmu_of_windows_flies_by_wine(
-    of_windows: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    of_windows: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, windows_folder: str
 ) -> None:
     """The point mass computes with sums and products, which are the same everywhere."""
     assert simulate(of_windows[0], RunOptions(out=tmp_path / "linux", until=2.0)).outcome == "done"
     monkeypatch.setenv(RUNNER, str(WINE))
-    monkeypatch.setenv("WINEPREFIX", str(tmp_path / "prefix"))
+    monkeypatch.setenv("WINEPREFIX", windows_folder)
     monkeypatch.setenv("WINEDEBUG", "-all")
     result = simulate(of_windows[1], RunOptions(out=tmp_path / "windows", until=2.0))
     assert result.outcome == "done", result.error
     tables = [pq.read_table(tmp_path / name / "signals.parquet") for name in ("linux", "windows")]
     assert tables[0].num_rows > 100 and tables[0].equals(tables[1])
-    spoil(of_windows[1], ".dll")
-    result = simulate(of_windows[1], RunOptions(out=tmp_path / "broken", until=2.0))
+    broken = tmp_path / "broken.fmu"
+    shutil.copy(of_windows[1], broken)
+    spoil(broken, ".dll")
+    result = simulate(broken, RunOptions(out=tmp_path / "broken", until=2.0))
     assert re.search(r"PointMass\.dll cannot be loaded: error \d+ of Windows, \w", str(result.error)), result.error
+
+
+@pytest.mark.skipif(WINE is None, reason="Wine is not installed")
+def test_both_sides_run_on_windows(of_windows: tuple[Path, Path], tmp_path: Path, windows_folder: str) -> None:
+    """A master of Windows steps a process of Windows, both under Wine; FMPy makes the same calls here."""
+    unpacked = {"windows": tmp_path / "windows", "linux": tmp_path / "linux"}
+    for name, fmu in zip(unpacked, reversed(of_windows), strict=True):
+        fmpy.extract(str(fmu), str(unpacked[name]))
+    described = fmpy.read_model_description(str(of_windows[0]))
+    master, windows = tmp_path / "master.exe", "x86_64-windows-gnu"
+    source = Path(__file__).with_name("master_of_windows.c")
+    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", windows, "-O1", "-Wall"]
+    subprocess.run([*compiler, str(source), "-o", str(master), "-lws2_32"], check=True)
+    library = unpacked["windows"] / "binaries" / "win64" / "PointMass.dll"
+    files = [str(connecting(windows)), str(portable(windows)), str(library)]
+    environment = {**os.environ, "WINEPREFIX": windows_folder, "WINEDEBUG": "-all"}
+
+    def run(*more: str) -> list[str]:
+        command = [str(WINE), str(master), *files, described.guid, *more]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=False)
+        assert done.returncode == 0, (done.returncode, done.stdout, done.stderr)
+        return done.stdout.splitlines()
+
+    model = fmpy.fmi2.FMU2Slave(
+        guid=described.guid,
+        unzipDirectory=str(unpacked["linux"]),
+        modelIdentifier="PointMass",
+        instanceName="mass",
+    )
+    model.instantiate()
+    model.setupExperiment()
+    model.enterInitializationMode()
+    model.exitInitializationMode()
+    wanted = []
+    for k in range(20):
+        model.setReal([11, 12, 13], [1.0 + k, -0.5 * k, -30.0])
+        model.doStep(0.01 * k, 0.01)
+        wanted.append(model.getReal([21, 22, 23, 24, 25, 26]))
+    model.terminate()
+    model.freeInstance()
+    assert wanted[-1][0] > 0.01
+    assert [list(map(float, line.split())) for line in run()] == wanted
+    killed = run("kill")
+    assert [list(map(float, line.split())) for line in killed[:10]] == wanted[:10]
+    assert killed[10:] == ["status 4 end 6"]  # fatal, the connection is lost
