@@ -6,7 +6,7 @@
 
    The GUID says what becomes of parameters: "setup": they are initialized anew in fmi2SetupExperiment, as FMUs of 20-sim
    do; "enter": in fmi2EnterInitializationMode; "deaf": p stays 5 whatever is set;
-   "mute": fmi2GetReal of p fails. */
+   "mute": fmi2GetReal of p fails; "stern": so do all steps after that, as FMI 2.0.5 has it of an error (2.1.3). */
 
 #include <math.h>
 #include <stdlib.h>
@@ -69,6 +69,7 @@ EXPORT int fmi2ExitInitializationMode(Foreign *f) {
 
 EXPORT int fmi2DoStep(Foreign *f, double t, double h, int no_return) {
     (void)no_return;
+    if (!strcmp(f->habit, "stuck")) return 3;
     f->real[X] += h * f->real[U];
     f->real[T] = t + h;
     f->real[H] = h;
@@ -87,7 +88,8 @@ EXPORT int fmi2SetReal(Foreign *f, const unsigned vr[], size_t n, const double v
 
 EXPORT int fmi2GetReal(Foreign *f, const unsigned vr[], size_t n, double value[]) {
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] == P && !strcmp(f->habit, "mute")) return 3; /* fmi2Error */
+        if (vr[i] == P && !strcmp(f->habit, "stern")) strcpy(f->habit, "stuck");
+        if (vr[i] == P && (!strcmp(f->habit, "mute") || !strcmp(f->habit, "stuck"))) return 3; /* fmi2Error */
         value[i] = f->real[vr[i]];
     }
     return 0;

@@ -111,7 +111,8 @@ def answers(checked: CheckedSystem, slaves: Sequence[Slave]) -> tuple[dict[str, 
 
     FMUs compiled by this project are not read: a parameter is a field of the instance's record that only fmi2SetXXX
     writes (a test compares the parameters of every FMU that we ship), and a thousand drones have a quarter of a million
-    of them. Binaries are not read either. In both cases, the values set are returned.
+    of them. Binaries and parameters that keep the FMU's own start values are not read either: some FMUs refuse to be
+    asked, and fail from then on. In these cases, the values set are returned.
 
     Returns:
         The values, and a note for each value that differs from the one set.
@@ -127,7 +128,8 @@ def answers(checked: CheckedSystem, slaves: Sequence[Slave]) -> tuple[dict[str, 
         found[instance.name] = own = dict(starts)
         if one.library.own:
             continue
-        asked = [variables[n] for n in starts if variables[n].type != "Binary" and not variables[n].clocks]
+        given = (variables[n] for n in starts if n in instance.start_values)
+        asked = [v for v in given if v.type != "Binary" and not v.clocks]
         for kind in _kinds(asked):
             some = [v for v in asked if set_kind(v) == kind]
             try:

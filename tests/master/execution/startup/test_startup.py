@@ -60,6 +60,17 @@ def test_an_fmu_that_does_not_say_its_parameters_runs_with_a_note(foreigners: An
     assert "parameters of a: the values that were set; fmi2GetReal does not say them (fmi2Error)" in manifest["notes"]
 
 
+def test_parameters_that_nobody_sets_are_not_asked_for(foreigners: Any, tmp_path: Path) -> None:
+    """The FlexRay nodes of FMI-LS-BUS refuse to be asked, and fail from then on."""
+    foreigners.fmu(habit="stern")
+    result = simulate(foreigners.ssd(foreigners.component("a", step=0.5)), RunOptions(out=tmp_path / "out"))
+    assert result.outcome == "done", result.error
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["instances"]["a"]["parameters"] == {"p": 5.0, "silent": 1e9}
+    asked = simulate(foreigners.ssd(foreigners.component("a", step=0.5, p=5.0)), RunOptions(out=tmp_path / "asked"))
+    assert asked.outcome == "failed" and "fmi2DoStep" in str(asked.error)
+
+
 def test_fmpy_has_the_same_parameters_in_effect(foreigners: Any, tmp_path: Path) -> None:
     fmu = foreigners.fmu(habit="setup", step=0.5)
     system = foreigners.ssd(foreigners.component("a", p=-2.5))
