@@ -108,6 +108,20 @@ def test_latency_is_a_histogram_of_what_arrived(run: Path) -> None:
     bars = [patch.get_height() for patch in figure.axes[0].patches]
     assert sum(bars) == 4 and figure.axes[0].get_ylabel() == "packets, of 4"
     assert figure.legends[0].get_texts()[0].get_text() == "mean: 162.5 ms"
+    (arrived,) = figure.axes[1].get_lines()
+    assert list(arrived.get_ydata()) == [25.0, 50.0, 75.0, 100.0]
+    assert list(arrived.get_xdata()) == sorted(1e3 * read_links(run).delays)
+
+
+def test_equal_delays_are_one_bar_beside_zero() -> None:
+    ones = np.ones(1, np.int64)
+    links = Links(("a", "b"), 0 * ones, ones, 1234 * ones, 0 * ones, 0.02 * ones, np.full(1234, 0.02))
+    figure = draw_latency(links)
+    assert figure is not None
+    (axes,) = figure.axes
+    (bar,) = axes.patches
+    assert bar.get_height() == 1234 and bar.get_x() + 0.5 * bar.get_width() == pytest.approx(20.0)
+    assert axes.get_xlim()[0] == 0.0 and axes.texts[0].get_text() == "all 1,234 packets: 20 ms"
 
 
 def test_without_packets_there_is_no_figure_of_the_radio(tmp_path: Path) -> None:

@@ -92,14 +92,15 @@ def _draw_many_on_line(
 
 
 def _draw_many_anywhere(flight: Flight) -> Figure:
-    """Draws places as thin lines, and heights and ways from the start as shares of the drones."""
+    """Draws heights, ways from the start and places as shares of the drones, with the places of some as thin lines."""
     from matplotlib.figure import Figure
 
     places = np.stack([drone.position for drone in flight.drones if drone.position is not None], axis=1)
     figure = Figure((WIDTH, 6.4), layout="constrained")
     all_axes = list(figure.subplots(4, 1, sharex=True))
     for axes, label, i in zip(all_axes, ("north (m)", "east (m)"), (0, 1), strict=False):
-        drawn = _thin_lines(axes, flight, places[:, :, i], label)
+        draw_quantiles(axes, flight.time, places[:, :, i], median=False)
+        drawn = _thin_lines(axes, flight, places[:, :, i], label, _SOME)
     colour_bar(figure, drawn, all_axes[:2], "number of the drone")
     draw_quantiles(all_axes[2], flight.time, -places[:, :, 2])
     draw_quantiles(all_axes[3], flight.time, np.hypot(*np.moveaxis((places - places[0])[:, :, :2], 2, 0)))
@@ -112,9 +113,14 @@ def _draw_many_anywhere(flight: Flight) -> Figure:
     return figure
 
 
-def _thin_lines(axes: Axes, flight: Flight, values: Array, label: str) -> Any:
+_SOME, _LINES = 25, 80
+"""Lines on quantiles, which more would cover, and lines beside them, which more would merge."""
+
+
+def _thin_lines(axes: Axes, flight: Flight, values: Array, label: str, most: int = _LINES) -> Any:
     axes.set_ylabel(label)
-    return draw_lines(axes, np.repeat(flight.time[:, None], values.shape[1], axis=1), values, linewidth=0.5)
+    time = np.repeat(flight.time[:, None], values.shape[1], axis=1)
+    return draw_lines(axes, time, values, linewidth=0.5 if most > _SOME else 0.9, most=most)
 
 
 def draw_map(flight: Flight, reach: float | None = None) -> Figure | None:
@@ -144,7 +150,7 @@ def draw_map(flight: Flight, reach: float | None = None) -> Figure | None:
     if len(flown) > NAMED:
         drawn = draw_lines(axes, east, north, linewidth=0.7)
         colour_bar(figure, drawn, axes, "number of the drone")
-        spot = 60.0 / np.sqrt(len(flown))
+        spot = 60.0 / np.sqrt(len(flown)) if slim else min(36.0, 12_000.0 / len(flown))  # pt^2: side by side
         axes.scatter(east[0], north[0], s=spot, facecolors="white", edgecolors="0.6", linewidths=0.4, rasterized=True)
         numbers = np.arange(1, len(flown) + 1)
         axes.scatter(east[-1], north[-1], s=spot, c=numbers, cmap="cividis", linewidths=0.0, zorder=3, rasterized=True)
@@ -254,9 +260,10 @@ def draw_snapshots(flight: Flight) -> Figure | None:
         ):
             axis.set_label_text(label)
             axis.labelpad = pad
-            axis.set_major_locator(
-                MaxNLocator(4 if axis is axes.xaxis else 3, prune="lower" if axis is axes.yaxis else None)
-            )
+            axis.set_major_locator(MaxNLocator(4 if axis is axes.xaxis else 3))
+        low_north, high_north = axes.get_ylim()
+        north_ticks = [y for y in MaxNLocator(3).tick_values(low_north, high_north) if low_north <= y <= high_north]
+        axes.set_yticks(north_ticks[1:])  # the first would touch the last of the eastern axis
         axes.patch.set_visible(False)
         axes.tick_params(pad=-3, labelsize=7)
         axes.set_box_aspect((1.5, 0.9, 0.9), zoom=0.98)
@@ -278,7 +285,9 @@ def _draw_scattered(flight: Flight, flown: Sequence[tuple[Drone, Array]]) -> Fig
     size = np.array([np.ptp(east), np.ptp(north)])
     wide, line = size[0] >= 3.0 * size[1], size[1] < 0.02 * size[0]
     up, colour = (height, np.broadcast_to(np.arange(1, len(flown) + 1), height.shape)) if line else (north, height)
-    tall = 4.6 if wide else float(np.clip(0.75 + _PANEL * (size[1] + 1.0) / (size[0] + 1.0), 1.6, 3.6))
+    tall = (
+        (3.4 if line else 4.6) if wide else float(np.clip(0.75 + _PANEL * (size[1] + 1.0) / (size[0] + 1.0), 1.6, 3.6))
+    )
     figure = Figure((WIDTH, tall), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True) if wide else figure.subplots(1, 3, sharey=True)
     moments = _moments(flight)
@@ -341,13 +350,15 @@ def draw_errors(flight: Flight) -> Figure | None:
         steps = np.array(sorted(flight.steps))
         done = np.maximum(steps - steps[0] - 1, 0)
         times = [flight.steps[k] for k in steps]
-        label = rf"bound of the law, {norm:.1f} m $\times$ {rate:.4f}$^k$"
+        digits = max(4, int(np.ceil(1.0 - np.log10(1.0 - rate))))
+        label = rf"bound of the law, {norm:.1f} m $\times$ {rate:.{digits}f}$^k$"
         axes.semilogy(times, norm * rate**done, ":", color="0.4", marker=".", markersize=3, label=label)
     axes.set_ylabel("distance to even spacing (m)")
-    axes.set_ylim(bottom=max(0.01, axes.get_ylim()[0]))
+    least = 0.5 * float(np.nanmin(np.percentile(errors, 5, axis=0))) if many else 0.0  # below it, noise of a few
+    axes.set_ylim(bottom=max(0.01, least, axes.get_ylim()[0]))
     axes.yaxis.set_major_formatter("{x:g}")
     _time_axis([axes], flight)
-    figure.legend(loc="outside upper center", ncols=5 if many else 4, columnspacing=1.2)
+    figure.legend(loc="outside upper center", ncols=3 if many else 4, columnspacing=1.2)
     return figure
 
 

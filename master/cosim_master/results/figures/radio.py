@@ -46,6 +46,7 @@ def draw_links(links: Links) -> Figure | None:
         axes.set(xlabel="receiver", title="packets" if first else "lost (%)")
         axes.title.set_fontsize(8.0)
         axes.grid(False)
+        axes.set_facecolor("0.92")  # of pairs without a link: a share of 0 is nearly white
         _ticks(axes, links.nodes)
         bar = figure.colorbar(image, ax=axes, pad=0.02, fraction=0.05)
         bar.outline.set_linewidth(0.5)
@@ -85,26 +86,39 @@ def _numbers(axes: Any, values: Array, image: Any) -> None:
 
 
 def draw_latency(links: Links) -> Figure | None:
-    """Draws how many packets took how long by radio; returns None if none arrived."""
+    """Draws how many packets took how long by radio, and how many took longer; returns None if none arrived."""
     from matplotlib.figure import Figure
 
     if not len(links.delays):
         return None
-    delays = 1e3 * links.delays
+    delays = 1e3 * np.sort(links.delays)
     figure = Figure((WIDTH, 2.6), layout="constrained")
     axes = figure.subplots()
-    low, high = float(delays.min()), float(delays.max())
-    same = high - low < 1e-6
-    if same:
-        low, high = low - 0.5, high + 0.5
+    low, high = float(delays[0]), float(delays[-1])
+    if high - low < 1e-6:
+        return _draw_equal(figure, axes, low, len(delays))
     axes.hist(delays, bins=np.linspace(low, high, 60).tolist(), color=COLOURS[0], linewidth=0.0)
-    marks = [(float(np.mean(delays)), "-", "all packets" if same else "mean")]
-    if not same:
-        marks += [(float(np.percentile(delays, q)), dashes, f"{q} %") for q, dashes in ((95, "--"), (99, ":"))]
+    marks = [(float(np.mean(delays)), "-", "mean")]
+    marks += [(float(np.percentile(delays, q)), dashes, f"{q} %") for q, dashes in ((95, "--"), (99, ":"))]
     for value, dashes, label in marks:
         axes.axvline(value, color="black", linestyle=dashes, linewidth=0.9, label=f"{label}: {value:.4g} ms")
     axes.set_yscale("log")
     axes.set_ylim(bottom=0.7)
-    axes.set(xlabel="delay (ms)", ylabel=f"packets, of {len(delays)}")
-    figure.legend(loc="outside upper right", ncols=3)
+    axes.set(xlabel="delay (ms)", ylabel=f"packets, of {len(delays):,}")
+    share = axes.twinx()
+    places = np.unique(np.linspace(0, len(delays) - 1, min(len(delays), 500)).round().astype(np.int64))
+    share.plot(delays[places], 100.0 * (places + 1) / len(delays), color=COLOURS[1], label="arrived by then")
+    share.set(ylim=(0.0, 103.0), ylabel="arrived by then (%)")
+    share.grid(False)
+    figure.legend(loc="outside upper right", ncols=4)
+    return figure
+
+
+def _draw_equal(figure: Figure, axes: Any, delay: float, packets: int) -> Figure:
+    """Draws delays [ms] that are all the same: a bar, on a scale that begins with 0."""
+    axes.bar([delay], [packets], width=0.02 * max(delay, 1.0), color=COLOURS[0])
+    axes.set(xlim=(0.0, 1.5 * max(delay, 1.0)), ylim=(0.0, 1.12 * packets), xlabel="delay (ms)", ylabel="packets")
+    axes.yaxis.set_major_formatter("{x:,.0f}")
+    text = f"all {packets:,} packets: {delay:.4g} ms"
+    axes.annotate(text, (delay, packets), (-6.0, -2.0), textcoords="offset points", ha="right", va="top")
     return figure

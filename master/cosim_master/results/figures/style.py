@@ -45,6 +45,7 @@ STYLE = {
     "font.size": 8.0,
     "axes.linewidth": 0.6,
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "0.9",
     "grid.linewidth": 0.5,
     "lines.linewidth": 1.1,
@@ -72,12 +73,13 @@ def colours(n: int) -> list[Any]:
     return list(COLOURS[:n]) if n <= len(COLOURS) else list(colormaps[_MAP](np.linspace(0.0, 0.9, n)))
 
 
-def draw_quantiles(axes: Axes, time: Array, values: Array, colour: str = "black") -> None:
+def draw_quantiles(axes: Axes, time: Array, values: Array, *, median: bool = True) -> None:
     """Draws median, middle half, 90 % and extremes of many curves over time; the legend has their names.
 
     Args:
         time: (n,)
         values: (n, number of curves); NaN for missing values.
+        median: draw the median, too; otherwise all is lighter, for other lines on it.
     """
     rows = _some(len(time), _INSTANTS)
     known = values[rows]
@@ -87,19 +89,22 @@ def draw_quantiles(axes: Axes, time: Array, values: Array, colour: str = "black"
         return
     for low, high, grey, label in _SHARES:
         least, most = np.nanpercentile(known, (low, high), axis=1)
-        axes.fill_between(time[rows], least, most, color=grey, linewidth=0.0, label=label)
-    axes.plot(time[rows], np.nanmedian(known, axis=1), color=colour, label="median")
+        shade = grey if median else str(0.5 + 0.5 * float(grey))  # lines on it remain visible
+        axes.fill_between(time[rows], least, most, color=shade, linewidth=0.0, label=label)
+    if median:
+        axes.plot(time[rows], np.nanmedian(known, axis=1), color="black", label="median")
 
 
-def draw_lines(axes: Axes, x: Array, y: Array, *, linewidth: float = 0.6) -> Any:
+def draw_lines(axes: Axes, x: Array, y: Array, *, linewidth: float = 0.6, most: int = _MOST_LINES) -> Any:
     """Draws many thin lines whose colours are their numbers, from 1; returns what a colour bar needs.
 
     Args:
         x, y: (n, number of lines).
+        most: of more lines, so many evenly chosen ones are drawn.
     """
     from matplotlib.collections import LineCollection
 
-    rows, chosen = _some(len(y), _INSTANTS), _some(y.shape[1], _MOST_LINES)
+    rows, chosen = _some(len(y), _INSTANTS), _some(y.shape[1], most)
     points = np.stack([x[rows][:, chosen].T, y[rows][:, chosen].T], axis=2)
     lines = LineCollection(list(points), cmap=_MAP, linewidths=linewidth, rasterized=True)
     lines.set_array(chosen + 1.0)
