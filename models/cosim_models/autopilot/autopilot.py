@@ -24,6 +24,7 @@ from cosim import Model, kernel
 from cosim.frames import rotate
 from cosim_models.autopilot.commander.battery import drain
 from cosim_models.autopilot.commander.failsafes import watch
+from cosim_models.autopilot.commander.sensors import add_errors, fail_motors
 from cosim_models.autopilot.commander.switches import LAST_POSITION
 from cosim_models.autopilot.control.attitude import run_rates
 from cosim_models.autopilot.control.mixer import motor_factors
@@ -182,10 +183,14 @@ def advance(m: Any, t: float, h: float) -> int:
         _tune(m, h)
     if not _sense(m):
         return _NOT_FINITE
+    if m.sim_on:
+        add_errors(m, h)
     run_rates(m, h)
     run_motors(m, h)
     if m.outputs_busy:
         run_outputs(m, t)
+    if m.sim_on:
+        fail_motors(m)
     if m.mavlink_rx_len > 0:
         m.link = MAVLINK
         receive(m, m.mavlink_rx, m.mavlink_rx_len, t)

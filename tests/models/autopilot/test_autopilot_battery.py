@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, RTL, Copter
 
-BRAKE = mavlink.COPTER_MODE_BRAKE
+BRAKE, SMART_RTL = mavlink.COPTER_MODE_BRAKE, mavlink.COPTER_MODE_SMART_RTL
 
 
 def texts(copter: Copter) -> list[tuple[int, str]]:
@@ -60,7 +60,9 @@ def test_a_battery_of_a_capacity_runs_empty() -> None:
     assert 3 * cell < 11.8
 
 
-@pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, LAND), (2, RTL), (3, RTL), (4, LAND), (7, BRAKE)])
+@pytest.mark.parametrize(
+    ("action", "mode"), [(0, GUIDED), (1, LAND), (2, RTL), (3, SMART_RTL), (4, SMART_RTL), (7, BRAKE)]
+)
 def test_a_low_voltage_that_lasts(action: int, mode: int) -> None:
     values = {"BATT_LOW_VOLT": 10.5, "BATT_LOW_TIMER": 3.0, "BATT_FS_LOW_ACT": action}
     copter = Copter(autopilot=values).in_the_air(5.0, 12.0)
@@ -149,3 +151,33 @@ def test_what_arming_needs(values: dict[str, float], text: str) -> None:
         mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
         ACCEPTED,
     )
+
+
+@pytest.mark.parametrize(
+    ("action", "mode", "told"),
+    [
+        (3, RTL, ["SmartRTL Unavailable, Trying RTL Mode"]),
+        (4, LAND, ["SmartRTL Unavailable, Using Land Mode"]),
+        (6, RTL, ["Unable to start landing sequence", "Trying RTL Mode"]),
+    ],
+)
+def test_actions_that_are_not_possible(action: int, mode: int, told: list[str]) -> None:
+    """Without a path to return along, and without a landing sequence."""
+    values = {"BATT_LOW_TIMER": 1.0, "BATT_FS_LOW_ACT": action, "SRTL_POINTS": 0}
+    copter = Copter(autopilot=values).in_the_air(5.0, 12.0)
+    copter.heard.clear()
+    copter.m["SIM_BATT_VOLTAGE"] = 10.0
+    copter.run(1.5)
+    assert copter.m["mode"] == mode
+    assert [text for _, text in texts(copter)][2:] == told
+
+
+def test_a_landing_that_a_failsafe_begins_waits_four_seconds() -> None:
+    copter = Copter(autopilot={"BATT_LOW_TIMER": 1.0, "BATT_FS_LOW_ACT": 1}).in_the_air(5.0, 12.0)
+    copter.m["SIM_BATT_VOLTAGE"] = 10.0
+    copter.run(1.3)
+    assert copter.m["mode"] == LAND
+    flight = copter.run(3.5)
+    assert abs(flight[-1, 3] - flight[0, 3]) < 0.1
+    flight = copter.run(3.0)
+    assert flight[-1, 6] == pytest.approx(0.5, abs=0.1)

@@ -12,6 +12,7 @@ from tests.models.autopilot.test_autopilot_commands import at
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, ONLY_VELOCITY, RTL, Copter
 
 ALT_HOLD, BRAKE = (mavlink.COPTER_MODE_ALT_HOLD, mavlink.COPTER_MODE_BRAKE)
+SMART_RTL = mavlink.COPTER_MODE_SMART_RTL
 STATION = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 
 
@@ -19,7 +20,7 @@ def texts(copter: Copter) -> list[tuple[int, str]]:
     return [(m.severity, m.text) for m in copter.messages("STATUSTEXT")]
 
 
-@pytest.mark.parametrize(("enable", "mode"), [(1, RTL), (5, LAND), (7, BRAKE), (0, GUIDED)])
+@pytest.mark.parametrize(("enable", "mode"), [(1, RTL), (3, SMART_RTL), (5, LAND), (7, BRAKE), (0, GUIDED)])
 def test_a_lost_ground_station(enable: int, mode: int) -> None:
     copter = Copter(autopilot={"FS_GCS_ENABLE": enable, "FS_GCS_TIMEOUT": 2.0}).in_the_air(5.0, 10.0)
     copter.run(1.0)
@@ -66,7 +67,9 @@ def test_on_the_ground_it_disarms() -> None:
         ({"FENCE_TYPE": 8, "FENCE_ALT_MIN": 3.0}, (0.0, 0.0, 1.0), "Min Alt fence breached"),
     ],
 )
-@pytest.mark.parametrize(("action", "mode"), [(1, RTL), (2, LAND), (4, BRAKE), (0, GUIDED)])
+@pytest.mark.parametrize(
+    ("action", "mode"), [(1, RTL), (2, LAND), (3, SMART_RTL), (4, BRAKE), (5, SMART_RTL), (0, GUIDED)]
+)
 def test_fences(fence: dict[str, Any], way: tuple[float, float, float], text: str, action: int, mode: int) -> None:
     values = {"FENCE_ENABLE": 1, "FENCE_ACTION": action, "AVOID_ENABLE": 0, **fence}
     copter = Copter(autopilot=values).in_the_air(5.0, 10.0)
@@ -76,7 +79,41 @@ def test_fences(fence: dict[str, Any], way: tuple[float, float, float], text: st
         copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=vx, vy=vy, vz=vz)
         copter.run(2.0)
     assert (4, text) in texts(copter)
+    assert ((6, "Manual recovery started") in texts(copter)) == (action != 0)
     assert copter.m["mode"] == mode
+
+
+@pytest.mark.parametrize(("action", "mode"), [(3, RTL), (5, LAND)])
+def test_without_a_path_a_breach_returns_or_lands(action: int, mode: int) -> None:
+    values = {"FENCE_ENABLE": 1, "FENCE_ACTION": action, "AVOID_ENABLE": 0, "FENCE_RADIUS": 10.0, "SRTL_POINTS": 0}
+    copter = Copter(autopilot=values).in_the_air(5.0, 10.0)
+    for _ in range(4):
+        copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
+        copter.run(1.5)
+    assert copter.m["mode"] == mode
+
+
+def test_a_breach_is_told_again_twenty_metres_further_and_ends() -> None:
+    """Reported only; ten seconds after a change of mode, the fence is looked at again."""
+    values = {"FENCE_ENABLE": 1, "FENCE_ACTION": 0, "AVOID_ENABLE": 0, "FENCE_RADIUS": 10.0}
+    copter = Copter(autopilot=values).in_the_air(5.0, 10.0)
+    copter.heard.clear()
+    told: list[float] = []
+    for _ in range(110):
+        copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=6.0)
+        before = len(texts(copter))
+        copter.run(0.1)
+        if len(texts(copter)) > before:
+            told.append(float(copter.v["position"][0]))
+    assert [text for _, text in texts(copter)] == ["Circle fence breached"] * len(told)
+    assert told[:2] == [pytest.approx(10.0, abs=0.7), pytest.approx(30.3, abs=0.9)]
+    copter.heard.clear()
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, RTL)
+    changed = copter.time
+    copter.run(24.0)
+    times = {m.text: t for t, m in copter.heard if m.get_type() == "STATUSTEXT"}
+    assert times["Fence breach cleared"] - changed > 9.9
+    assert copter.m["fence_breach"] == 0
 
 
 def test_fences_that_are_off_or_of_another_type_do_nothing() -> None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from benchmarks import ladder, record
+from benchmarks import fidelity, ladder, record
 from benchmarks.fidelity import compare, fly, read
 from benchmarks.record import Move, parse
-from tests.models.copter import RECORDINGS
+from tests.models.copter import GUIDED, LAND, RECORDED_AUTOPILOT, RECORDINGS, Copter, preset
 
 
 @pytest.mark.slow
@@ -113,3 +116,91 @@ def test_files_that_are_no_flights(tmp_path: Path, content: str, word: str) -> N
     file.write_text(content)
     with pytest.raises(ValueError, match=word):
         read(file)
+
+
+def recorded(path: Path, head: dict[str, Any], rows: np.ndarray[Any, Any]) -> Path:
+    """A flight of ours as a file of a recorded one, at 50 Hz."""
+    rows = rows[::8]
+    t = rows[:, :1] - rows[0, 0]
+    table = np.hstack([t, rows[:, 1:7], np.zeros_like(t), rows[:, 7:10]])
+    names = "t,n,e,d,vn,ve,vd,yaw,des_n,des_e,des_d"
+    np.savetxt(path, table, delimiter=",", header=f"# {json.dumps(head)}\n{names}", comments="")
+    return path
+
+
+def in_the_air() -> Copter:
+    """As `fly` begins, on the external body."""
+    copter = Copter(vehicle=preset("ardupilot_json"), autopilot=RECORDED_AUTOPILOT)
+    copter.run(3.0)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    copter.run(1.8625)
+    copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0)
+    copter.run(25.0)
+    return copter
+
+
+def flown(kind: str) -> tuple[dict[str, Any], np.ndarray[Any, Any]]:
+    """The first line and the flight of a kind of command."""
+    copter, rows = in_the_air(), []
+    if kind == "land":
+        copter.go(4.0, 0.0, -10.0)
+        copter.run(25.0)
+        copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, LAND)
+        return {"mode": LAND, "start": [4.0, 0.0, -10.0]}, copter.run(30.0)
+    heads: dict[str, dict[str, Any]] = {
+        "velocity": {"type": 4, "vel": [3.0, 1.0, 0.0], "lasts": 4.0},
+        "acceleration": {"type": 5, "accel": [0.5, 0.0, 0.0]},
+        "attitude": {"type": 6, "attitude": [0.0, -5.0, 0.0], "climb": 1.0},
+    }
+    for i in range(80):
+        if kind == "velocity" and i < 40:
+            copter.go(0.0, 0.0, 0.0, 0xDC7, vx=3.0, vy=1.0)
+        elif kind == "acceleration":
+            copter.go(0.0, 0.0, 0.0, 0xC3F, afx=0.5)
+        elif kind == "attitude":
+            q = [math.cos(math.radians(2.5)), 0.0, -math.sin(math.radians(2.5)), 0.0]
+            copter.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, q, 0, 0, 0, 0.7))
+        rows.append(copter.run(0.1))
+    return heads[kind], np.concatenate(rows)
+
+
+@pytest.mark.parametrize("kind", ["velocity", "acceleration", "attitude", "land"])
+def test_every_command_of_a_recorded_flight_is_flown(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Flights of ours, commanded here, in place of ArduCopter's; then one that is a fifth longer."""
+    head, rows = flown(kind)
+    path = recorded(tmp_path / f"json_{kind}.csv", head, rows)
+    flight = read(path)
+    found = compare(flight, fly(flight, {}))
+    assert found["rms"][1] < 0.03
+    fidelity.main([str(path)])
+    *table, last = capsys.readouterr().out.splitlines()
+    assert last == f"{len(table) - 2} of {len(table) - 2} rows ok"  # without heading and "farthest"
+    rows = rows.copy()
+    rows[:, 1:4] = rows[0, 1:4] + 1.2 * (rows[:, 1:4] - rows[0, 1:4])
+    flight = read(recorded(tmp_path / f"json_{kind}_longer.csv", head, rows))
+    found = compare(flight, fly(flight, {}))
+    assert fidelity.verdict(flight, "rms", *found["rms"]) == "differs"
+    assert fidelity.verdict(flight, "farthest away", *found["farthest away"]) == "differs"
+
+
+def test_verdicts() -> None:
+    flight = read(RECORDINGS / "json_0_0_5.csv.gz")
+    for theirs, mine, expected in (
+        (10.0, 10.5, "ok"),
+        (10.0, 10.6, "differs"),
+        (0.5, 0.59, "ok"),
+        (math.nan, 1.0, "missing"),
+        (math.nan, math.nan, "ok"),
+    ):
+        assert fidelity.verdict(flight, "t50", theirs, mine) == expected
+    assert fidelity.verdict(flight, "farthest", 0.0, 9.0) == ""
+
+
+@pytest.mark.parametrize("head", [{"type": 9}, {"type": 4}, {"type": 6, "vel": [1, 0, 0]}])
+def test_commands_that_are_not_known_are_refused(head: dict[str, Any], tmp_path: Path) -> None:
+    path = recorded(tmp_path / "json_x.csv", head, np.zeros((16, 10)))
+    with pytest.raises(ValueError, match="there are 2"):
+        read(path)

@@ -12,8 +12,22 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from cosim.kernel import kernel
+from cosim_models.autopilot.commander.actions import (
+    BRAKES,
+    LANDS,
+    LANDS_AS_PLANNED,
+    NOTHING,
+    RETURNS,
+    RETURNS_BY_PATH,
+    RETURNS_BY_PATH_OR_LANDS,
+    act,
+)
 from cosim_models.autopilot.commander.battery import CRITICAL_CHARGE, drain, new_alarm
+from cosim_models.autopilot.commander.checks import watch_flight
+from cosim_models.autopilot.commander.sensors import watch_sensors
 from cosim_models.autopilot.commander.switches import watch_switches
 from cosim_models.autopilot.flight.modes import set_mode
 from cosim_models.autopilot.flight.returning.breadcrumbs import forget_path, record_path
@@ -69,7 +83,13 @@ _PERIOD = 0.1  # s
 _GIVE_UP = 100.0  # m beyond a fence at which the vehicle lands instead of returning
 # FS_OPTIONS
 _AUTO_GOES_ON, _AUTO_GOES_ON_ALONE, _GUIDED_GOES_ON, _LANDING_GOES_ON, _PILOT_GOES_ON_ALONE = 1, 2, 4, 8, 16
-_REPORT, _ALWAYS_LAND, _BRAKE = 0, 2, 4  # FENCE_ACTION
+_REPORT, _ALWAYS_LAND, _PATH, _BRAKE, _PATH_OR_LAND = 0, 2, 3, 4, 5  # FENCE_ACTION
+_FURTHER = 20.0  # m beyond a breach at which it is another one
+_OF_THROTTLE = np.array(
+    (NOTHING, RETURNS, RETURNS, LANDS, RETURNS_BY_PATH, RETURNS_BY_PATH_OR_LANDS, LANDS_AS_PLANNED, BRAKES),
+    dtype=np.int64,
+)
+"""The action of each FS_THR_ENABLE."""
 
 
 @kernel
@@ -126,12 +146,12 @@ def _watch_station(m: Any, t: float) -> None:
         say(m, WARNING, GCS_PILOT, NO_NUMBER)
         return
     say(m, WARNING, GCS_LOST, NO_NUMBER)
-    if m.FS_GCS_ENABLE == 7:
-        _change(m, BRAKE, t)
-    elif m.FS_GCS_ENABLE == 4 or m.FS_GCS_ENABLE == 5:
-        _change(m, LAND, t)
-    else:
-        _change(m, RTL, t)
+    action = int(m.FS_GCS_ENABLE)
+    if action == 1 or action == 2:
+        action = RETURNS
+    elif action == 5:
+        action = LANDS
+    act(m, action, t)
 
 
 @kernel
@@ -156,14 +176,7 @@ def _watch_battery(m: Any, t: float) -> None:
         say(m, WARNING, BATTERY_LANDING, NO_NUMBER)
     else:
         say(m, WARNING, BATTERY_LOST, NO_NUMBER)
-        if action == 1 or action == 4:
-            _change(m, LAND, t)
-        elif action == 5:
-            disarm(m)
-        elif action == 7:
-            _change(m, BRAKE, t)
-        elif action != 0:
-            _change(m, RTL, t)
+        act(m, action, t)
 
 
 @kernel
@@ -194,12 +207,40 @@ def _watch_radio(m: Any, t: float) -> None:
         say(m, WARNING, RADIO_GUIDED, NO_NUMBER)
     else:
         say(m, WARNING, RADIO_LOST, NO_NUMBER)
-        if m.FS_THR_ENABLE == 7:
-            _change(m, BRAKE, t)
-        elif m.FS_THR_ENABLE == 3 or m.FS_THR_ENABLE == 5:
-            _change(m, LAND, t)
-        else:
-            _change(m, RTL, t)
+        act(m, int(_OF_THROTTLE[m.FS_THR_ENABLE]), t)
+
+
+@kernel
+def _breached_again(m: Any, row: int, known: bool, beyond: float) -> bool:
+    """Returns whether a breach by `beyond` [m] is new, or 20 m further than the last one that was told."""
+    if known and beyond < m.fence_backup[row]:
+        return False
+    m.fence_backup[row] = beyond + _FURTHER
+    return True
+
+
+@kernel
+def _breaches(m: Any) -> tuple[int, int]:
+    """Returns the fences that are breached, and those of which that must be told."""
+    before = int(m.fence_breach)
+    above, outside, below = _beyond(m)
+    m.fence_low_armed = m.fence_low_armed or below < 0.0  # active only after it has been exceeded once
+    low = m.fence_low_armed and not m.on_ground and m.mode != LAND and m.mode != RTL  # whose descent is intended
+    now, new = 0, 0
+    if (m.FENCE_TYPE & HIGHEST) != 0 and above >= 0.0:
+        now += HIGHEST
+        new += HIGHEST if _breached_again(m, 0, (before & HIGHEST) != 0, above) else 0
+    if (m.FENCE_TYPE & CIRCLE) != 0 and outside >= 0.0:
+        now += CIRCLE
+        new += CIRCLE if _breached_again(m, 1, (before & CIRCLE) != 0, outside) else 0
+    if (m.FENCE_TYPE & LOWEST) != 0 and low and below >= 0.0:
+        now += LOWEST
+        new += LOWEST if _breached_again(m, 2, (before & LOWEST) != 0, below) else 0
+    n, e = m.position_neu[0], m.position_neu[1]
+    if (m.FENCE_TYPE & POLYGON) != 0 and m.fence_count > 0 and not within_polygons(m, n, e):
+        now += POLYGON
+        new += POLYGON & ~before
+    return now, new
 
 
 @kernel
@@ -207,23 +248,15 @@ def _watch_fence(m: Any, t: float) -> None:
     if m.FENCE_ENABLE == 0 or not m.armed:
         m.fence_breach = 0
         m.fence_low_armed = False
+        m.fence_recovery = 0.0
         return
-    above, outside, below = _beyond(m)
-    m.fence_low_armed = m.fence_low_armed or below < 0.0  # active only after it has been exceeded once
-    now = 0
-    if (m.FENCE_TYPE & HIGHEST) != 0 and above >= 0.0:
-        now += HIGHEST
-    if (m.FENCE_TYPE & CIRCLE) != 0 and outside >= 0.0:
-        now += CIRCLE
-    if (m.FENCE_TYPE & LOWEST) != 0 and m.fence_low_armed and not m.on_ground and below >= 0.0:
-        now += LOWEST
-    n, e = m.position_neu[0], m.position_neu[1]
-    if (m.FENCE_TYPE & POLYGON) != 0 and m.fence_count > 0 and not within_polygons(m, n, e):
-        now += POLYGON
-    if m.mode == LAND or m.mode == RTL:
-        now &= ~LOWEST  # the descent is intended
-    new = now & ~m.fence_breach
-    if now == 0 and m.fence_breach != 0:
+    if m.fence_recovery > 0.0:
+        if t < m.fence_recovery - 1e-9:
+            return
+        m.fence_recovery = 0.0
+    before = m.fence_breach
+    now, new = _breaches(m)
+    if now == 0 and before != 0:
         say(m, WARNING, FENCE_CLEARED, NO_NUMBER)
     m.fence_breach = now
     if new == 0:
@@ -238,14 +271,24 @@ def _watch_fence(m: Any, t: float) -> None:
         say(m, WARNING, POLYGON_BREACHED, NO_NUMBER)
     if (new & LOWEST) != 0:
         say(m, WARNING, LOW_BREACHED, NO_NUMBER)
-    if m.FENCE_ACTION == _REPORT:
-        return
+    if m.FENCE_ACTION != _REPORT:
+        _leave_fence(m, t)
+
+
+@kernel
+def _leave_fence(m: Any, t: float) -> None:
+    """Performs FENCE_ACTION; far beyond a fence, the vehicle lands."""
+    above, outside, _ = _beyond(m)
     if m.mode == STABILIZE and m.on_ground:
         disarm(m)
     elif m.FENCE_ACTION == _ALWAYS_LAND or max(above, outside) >= _GIVE_UP:
         _change(m, LAND, t)
     elif m.FENCE_ACTION == _BRAKE:
         _change(m, BRAKE, t)
+    elif m.FENCE_ACTION == _PATH and not m.on_ground and position_ready(m, t) and set_mode(m, SMART_RTL, t):
+        return
+    elif m.FENCE_ACTION == _PATH_OR_LAND:
+        _change(m, SMART_RTL, t)
     else:
         _change(m, RTL, t)
 
@@ -271,6 +314,8 @@ def watch(m: Any, t: float) -> None:
         forget_path(m, t, True)
     elif m.crumbs_on and m.armed and m.mode != SMART_RTL:
         record_path(m, position_ready(m, t), t)
+    watch_sensors(m, t)
+    watch_flight(m, t)
     _watch_battery(m, t)
     _watch_station(m, t)
     _watch_radio(m, t)

@@ -218,6 +218,7 @@ def start_takeoff(m: Any, up: float) -> None:
 
 @kernel
 def start_land(m: Any) -> None:
+    m.land_pause = 0.0
     standard_limits(m)
     initialise_ne(m)
     initialise_up(m)
@@ -382,18 +383,28 @@ def _reposition(m: Any) -> tuple[float, float]:
 
 @kernel
 def _descend(m: Any, dt: float) -> None:
-    """Descends at the speed limit to LAND_ALT_LOW, then at LAND_SPEED; the pilot may move the landing point."""
+    """Descends at the speed limit to LAND_ALT_LOW, then at LAND_SPEED; the pilot may move the landing point.
+
+    Without a position, the vehicle levels and drifts.
+    """
     slow = 0.01 * m.LAND_SPEED
     fast = 0.01 * m.LAND_SPEED_HIGH if m.LAND_SPEED_HIGH > 0.0 else m.speed_down
     height = m.position_neu[2] - m.home_neu[2]
     low = 0.01 * max(m.LAND_ALT_LOW, 100.0)
     rate = sqrt_controller(low - height, m.PSC_POSZ_P, m.accel_up, dt)
-    seek_velocity_up(m, clip(rate, min(-fast, -slow), -slow), 0.0, True, dt)
+    if m.land_pause > 0.0:
+        m.land_pause -= dt
+        seek_velocity_up(m, 0.0, 0.0, False, dt)
+    else:
+        seek_velocity_up(m, clip(rate, min(-fast, -slow), -slow), 0.0, True, dt)
     if m.touched:
         soften_for_landing(m, dt)
-    vn, ve = _reposition(m)
-    seek_velocity_ne(m, vn, ve, 0.0, 0.0, dt)
-    control_ne(m, dt)
+    if m.position_lost:
+        relax_ne(m, dt)
+    else:
+        vn, ve = _reposition(m)
+        seek_velocity_ne(m, vn, ve, 0.0, 0.0, dt)
+        control_ne(m, dt)
     control_up(m, dt)
     lean(m, dt)
 

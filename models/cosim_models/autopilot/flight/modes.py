@@ -41,6 +41,7 @@ from cosim_models.autopilot.flight.manual import (
 )
 from cosim_models.autopilot.flight.returning.smart_rtl import leave_smart_rtl, run_smart_rtl, start_smart_rtl
 from cosim_models.autopilot.flight.state import needs_position, position_ready
+from cosim_models.autopilot.link.statustext import INFO, NO_NUMBER, RECOVERY, say
 from cosim_models.autopilot.mission.missions import forget_jumps
 from cosim_models.autopilot.record.modes import (
     ACRO,
@@ -66,6 +67,7 @@ from cosim_models.autopilot.record.modes import (
 __all__ = ["can_begin", "run_mode", "set_mode"]
 
 _ARMING_DELAY = 2.0  # s between arming and the motors
+_RECOVERY = 10.0  # s after a change of mode beyond a fence in which breaches are not looked at
 
 
 @kernel
@@ -93,6 +95,9 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
         return False
     if not can_begin(m, mode, t):
         return False
+    if m.fence_breach != 0:
+        m.fence_recovery = t + _RECOVERY
+        say(m, INFO, RECOVERY, NO_NUMBER)
     previous = int(m.mode)
     if previous == SMART_RTL:
         leave_smart_rtl(m)

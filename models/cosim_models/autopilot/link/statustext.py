@@ -52,10 +52,16 @@ __all__ = [
     "CIRCLE_NOT_ARMABLE",
     "CIRCLE_REFUSED",
     "COMPASS_ARMED",
+    "CRASHED",
     "CRITICAL",
     "DISARMING",
     "DRIFT_REFUSED",
     "DRIFT_TOO_HIGH",
+    "EKF_ALT_HOLD",
+    "EKF_CLEARED",
+    "EKF_LANDS",
+    "EKF_VARIANCE",
+    "EMERGENCY",
     "FENCE_CLEARED",
     "FENCE_FETCH_INVALID",
     "FENCE_FETCH_OLD",
@@ -71,6 +77,8 @@ __all__ = [
     "GCS_LANDING",
     "GCS_LOST",
     "GCS_PILOT",
+    "GLITCH",
+    "GLITCH_CLEARED",
     "GUIDED_NOT_ARMABLE",
     "GUIDED_REFUSED",
     "HIGH_BREACHED",
@@ -91,6 +99,8 @@ __all__ = [
     "MOTOR_TEST_STARTS",
     "NOTICE",
     "NO_NUMBER",
+    "NO_SMART_LANDS",
+    "NO_SMART_RETURNS",
     "NO_SUCH_MESSAGE",
     "NO_SUCH_MODE",
     "PARAMETERS_RESET",
@@ -120,6 +130,7 @@ __all__ = [
     "RALLY_FETCH_FAILED",
     "RALLY_FETCH_OLD",
     "REACHED",
+    "RECOVERY",
     "RESUME_FAILED",
     "ROUND_BEGINS",
     "RTL_NOT_ARMABLE",
@@ -139,8 +150,12 @@ __all__ = [
     "THROW_UNLIMITED",
     "THROW_UPRIGHT",
     "THROW_WAITING",
+    "THRUST_LOST",
+    "TRY_LAND",
+    "TRY_RTL",
     "TURTLE_REFUSED",
     "USE_REQUEST_INT",
+    "USING_GPS",
     "WAITING_FOR_HOME",
     "WARNING",
     "ZIGZAG_MANUAL",
@@ -155,7 +170,7 @@ __all__ = [
     "send_texts",
 ]
 
-CRITICAL, WARNING, NOTICE, INFO = 2, 4, 5, 6  # MAV_SEVERITY
+EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
 _EVERY_LINK = 2**LINKS - 1
 NO_NUMBER = -1
 """Number argument of `say` for texts without a number."""
@@ -302,6 +317,20 @@ AVOID_REFUSED = _part(b"Mode change to AVOID_ADSB failed: requires positio", 0)
 AVOID_REFUSED_END = _part(b"n", 1)
 AVOID_NOT_ARMABLE = _text(b"Arm: AVOID_ADSB mode not armable")
 FENCE_CLEARED = _text(b"Fence breach cleared")
+CRASHED = _text(b"Crash: Disarming: AngErr=%>30, Accel=~<3.0")
+EKF_ALT_HOLD = _text(b"EKF Failsafe: changed to ALT_HOLD Mode")
+EKF_CLEARED = _text(b"EKF Failsafe Cleared")
+EKF_LANDS = _text(b"EKF Failsafe: changed to LAND Mode")
+EKF_VARIANCE = _text(b"EKF variance")
+GLITCH = _text(b"GPS Glitch or Compass error")
+GLITCH_CLEARED = _text(b"Glitch cleared")
+NO_SMART_LANDS = _text(b"SmartRTL Unavailable, Using Land Mode")
+NO_SMART_RETURNS = _text(b"SmartRTL Unavailable, Trying RTL Mode")
+RECOVERY = _text(b"Manual recovery started")
+THRUST_LOST = _text(b"Potential Thrust Loss (%)")
+TRY_LAND = _text(b"Trying Land Mode")
+TRY_RTL = _text(b"Trying RTL Mode")
+USING_GPS = _text(b"EKF3 IMU0 is using GPS")
 MISSION_CHANGED = _text(b"Auto mission changed, restarted command")
 USE_REQUEST_INT = _text(b"got MISSION_REQUEST; use MISSION_REQUEST_INT!")
 PLAN_REJECTED = _text(b"Flight plan update rejected")
@@ -356,7 +385,7 @@ _TEXT_LENGTHS = np.array([len(text) for text in _TEXTS], dtype=np.int64)
 _CHUNK_OF = np.array(_CHUNKS, dtype=np.int64)
 _CHUNK_ID = 1
 
-_PLACE, _PLACE_OF_HUNDREDTHS, _PLACE_OF_SECOND, _POINT = 37, 36, 38, 46  # % $ & .
+_PLACE, _PLACE_OF_HUNDREDTHS, _PLACE_OF_SECOND, _PLACE_OF_TENTHS, _POINT = 37, 36, 38, 126, 46  # % $ & ~ .
 
 
 @kernel
@@ -441,6 +470,10 @@ def _send_text(m: Any, row: int) -> bool:
             at += _put_number(m, at, m.text_queue[row, 3] // 100, 1)
             put_statustext_text(m.payload, at, _POINT)
             at += 1 + _put_number(m, at + 1, m.text_queue[row, 3] % 100, 2)
+        elif byte == _PLACE_OF_TENTHS:
+            at += _put_number(m, at, m.text_queue[row, 3] // 10, 1)
+            put_statustext_text(m.payload, at, _POINT)
+            at += 1 + _put_number(m, at + 1, m.text_queue[row, 3] % 10, 1)
         else:
             put_statustext_text(m.payload, at, byte)
             at += 1

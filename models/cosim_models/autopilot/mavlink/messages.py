@@ -27,6 +27,7 @@ from cosim.messages import (
     AUTOPILOT_VERSION,
     BATTERY_STATUS,
     COMMAND_ACK,
+    EKF_GPS_GLITCHING,
     EKF_STATUS_REPORT,
     EXTENDED_SYS_STATE,
     FENCE_STATUS,
@@ -104,6 +105,7 @@ from cosim_models.autopilot.commander.readiness import (
     prearm_ready,
     reached,
 )
+from cosim_models.autopilot.commander.sensors import told_by_gps
 from cosim_models.autopilot.control.motors import GROUND_IDLE
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.state import landed_state, position_ready, reported_mode
@@ -218,7 +220,7 @@ def send_heartbeat(m: Any, t: float) -> bool:
         base_mode += 128
     state = (
         5
-        if m.station_lost or m.radio_lost or m.fence_breach != 0 or m.battery_alarm != 0
+        if m.station_lost or m.radio_lost or m.fence_breach != 0 or m.battery_alarm != 0 or m.ekf_failed
         else 4
         if not m.on_ground
         else 3
@@ -248,6 +250,10 @@ def _send_sys_status(m: Any, t: float) -> bool:
         health += MAV_SYS_STATUS_PREARM_CHECK
     if m.battery_alarm != 0:
         health -= MAV_SYS_STATUS_SENSOR_BATTERY
+    if m.SIM_GPS1_ENABLE == 0 and reached(m, t, GPS_AT):
+        health -= MAV_SYS_STATUS_SENSOR_GPS
+    if m.position_lost and reached(m, t, AHRS_AT):
+        health -= MAV_SYS_STATUS_AHRS
     if m.FENCE_ENABLE != 0:
         enabled += MAV_SYS_STATUS_GEOFENCE
         if m.fence_breach != 0:
@@ -284,10 +290,12 @@ def _place(m: Any) -> tuple[int, int, float]:
 
 @kernel
 def _send_gps_raw(m: Any, t: float) -> bool:
-    if not reached(m, t, GPS_AT):
+    if not reached(m, t, GPS_AT) or m.SIM_GPS1_ENABLE == 0:
         encode_gps_raw_int(m.payload, 0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0, 0, 0, 0, 0, 0, 0)
         return send(m, GPS_RAW_INT)
     lat, lon, alt = _place(m)
+    if m.sim_on:
+        lat, lon, alt = told_by_gps(m)
     vn, ve = m.velocity_neu[0], m.velocity_neu[1]
     course = math.degrees(math.atan2(ve, vn)) % 360.0
     speed = math.sqrt(vn * vn + ve * ve)
@@ -368,7 +376,9 @@ def _send_ekf_status(m: Any, t: float) -> bool:
         flags = _EKF_GOOD
     elif attitude_ready(m, t):
         flags = _EKF_CONSTANT
-    encode_ekf_status_report(m.payload, flags, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if m.glitching:
+        flags += EKF_GPS_GLITCHING
+    encode_ekf_status_report(m.payload, flags, 0.0, m.position_ratio, m.height_ratio, 0.0, 0.0, 0.0)
     return send(m, EKF_STATUS_REPORT)
 
 

@@ -24,6 +24,8 @@ INT8 = frozenset(
         "FLTMODE5",
         "FLTMODE6",
         "FLTMODE_CH",
+        "FS_CRASH_CHECK",
+        "FS_EKF_ACTION",
         "FS_GCS_ENABLE",
         "FS_THR_ENABLE",
         "LAND_REPOSITION",
@@ -42,6 +44,8 @@ INT8 = frozenset(
         "RCMAP_ROLL",
         "RCMAP_THROTTLE",
         "RCMAP_YAW",
+        "SIM_ENGINE_FAIL",
+        "SIM_GPS1_ENABLE",
         "SIM_RC_FAIL",
         "WP_YAW_BEHAVIOR",
     ]

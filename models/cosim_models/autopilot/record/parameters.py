@@ -267,9 +267,21 @@ MOTOR_PARAMETERS = (
 
 SAFETY_PARAMETERS = _rare(
     _whole("SYSID_MYGCS", 255, "MAVLink system id of the ground station whose HEARTBEATs are monitored"),
-    _whole("FS_GCS_ENABLE", 0, "ground station lost: 0 nothing, 1 to 3 RTL, 4 and 5 LAND, 7 BRAKE", 0, 7),
+    _whole(
+        "FS_GCS_ENABLE",
+        0,
+        "no ground station: 0 nothing, 1, 2 RTL, 3 SMART_RTL or RTL, 4 SMART_RTL or LAND, 5 LAND, 6 AUTO_RTL, 7 BRAKE",
+        0,
+        7,
+    ),
     _real("FS_GCS_TIMEOUT", "s", 5.0, "time without HEARTBEAT until the ground station is lost", 0.1),
-    _whole("FS_THR_ENABLE", 1, "radio lost: 0 nothing, 1 RTL, 2 AUTO or RTL, 3 to 5 LAND, 7 BRAKE", 0, 7),
+    _whole(
+        "FS_THR_ENABLE",
+        1,
+        "no radio: 0 nothing, 1 and 2 RTL, 3 LAND, 4 SMART_RTL or RTL, 5 SMART_RTL or LAND, 6 AUTO_RTL, 7 BRAKE",
+        0,
+        7,
+    ),
     _real("FS_THR_VALUE", "us", 975.0, "throttle pulse below which the radio is lost"),
     _whole(
         "FS_OPTIONS",
@@ -278,10 +290,17 @@ SAFETY_PARAMETERS = _rare(
         0,
         31,
     ),
+    _whole(
+        "FS_EKF_ACTION", 1, "estimate lost: 0 report, 1 LAND, 2 ALT_HOLD, 3 LAND also from modes without position", 0, 3
+    ),
+    _real("FS_EKF_THRESH", "1", 0.8, "0: a lost estimate is not acted on", 0.0),
+    _whole("FS_CRASH_CHECK", 1, "1: a crash disarms", 0, 1),
     _whole("ARMING_CHECK", 1, "0: check the position only", 0),
     _whole("FENCE_ENABLE", 0, "1: fences are enabled", 0, 1),
     _whole("FENCE_TYPE", 7, "sum of 1 maximum height, 2 circle, 4 polygons, 8 minimum height", 0, 15),
-    _whole("FENCE_ACTION", 1, "0: report only, 1, 3 and 5: RTL, 2: LAND, 4: BRAKE", 0, 5),
+    _whole(
+        "FENCE_ACTION", 1, "0: report only, 1: RTL, 2: LAND, 3: SMART_RTL or RTL, 4: BRAKE, 5: SMART_RTL or LAND", 0, 5
+    ),
     _real("FENCE_ALT_MAX", "m", 100.0, "maximum height above home"),
     Parameter(
         "FENCE_ALT_MIN", unit="m", start=-10.0, minimum=-100.0, tunable=True, description="minimum height above home"
@@ -291,6 +310,8 @@ SAFETY_PARAMETERS = _rare(
     _whole("AVOID_ENABLE", 3, "1: velocities and LOITER slow down before circle and heights of the fence", 0, 7),
 )
 
+_ACTIONS = "0 report, 1 LAND, 2 RTL, 3 SMART_RTL or RTL, 4 SMART_RTL or LAND, 5 disarm, 6 AUTO_RTL or RTL, 7 BRAKE"
+
 BATTERY_PARAMETERS = _rare(
     _real("BATT_CAPACITY", "mAh", 3300.0, "capacity assumed by the autopilot"),
     _real("BATT_LOW_VOLT", "V", 10.5, "low voltage, 0: none"),
@@ -298,7 +319,7 @@ BATTERY_PARAMETERS = _rare(
     _real("BATT_CRT_VOLT", "V", 0.0, "critical voltage, 0: none"),
     _real("BATT_CRT_MAH", "mAh", 0.0, "critical remaining charge, 0: none"),
     _real("BATT_LOW_TIMER", "s", 10.0, "duration of low voltage until the alarm, 0: ignore voltages"),
-    _whole("BATT_FS_LOW_ACT", 0, "battery low: 0 report, 1 LAND, 2 and 3 RTL, 4 LAND, 5 disarm, 6 RTL, 7 BRAKE", 0, 7),
+    _whole("BATT_FS_LOW_ACT", 0, f"battery low: {_ACTIONS}", 0, 7),
     _whole("BATT_FS_CRT_ACT", 0, "battery critical: as for BATT_FS_LOW_ACT", 0, 7),
     _whole("BATT_FS_VOLTSRC", 0, "which voltage counts: 0 under load, 1 at rest", 0, 1),
     _real("BATT_ARM_VOLT", "V", 0.0, "voltage below which arming is refused, 0: none"),
@@ -307,6 +328,17 @@ BATTERY_PARAMETERS = _rare(
     _real("SIM_BATT_CAP_AH", "Ah", 0.0, "capacity of the simulated battery, 0: constant voltage", 0.0),
     _real("hover_current", "A", 15.0, "current in hover", 0.0),
     _real("battery_resistance", "V/A", 0.02, "internal resistance of the simulated battery", 0.0),
+)
+
+SENSOR_PARAMETERS = _rare(
+    _whole("SIM_GPS1_ENABLE", 1, "GPS: 0 gives no position", 0, 1),
+    _signed("SIM_GPS1_GLTCH_X", "deg", 0.0, "GPS: error of the latitude in degrees", 90.0),
+    _signed("SIM_GPS1_GLTCH_Y", "deg", 0.0, "GPS: error of the longitude in degrees", 90.0),
+    _signed("SIM_GPS1_GLTCH_Z", "m", 0.0, "GPS: error of the altitude", 1e5),
+    _signed("SIM_BARO_DRIFT", "m/s", 0.0, "barometer: drift of the height since the start", 100.0),
+    _signed("SIM_BARO_GLITCH", "m", 0.0, "barometer: error of the height", 1e5),
+    _whole("SIM_ENGINE_FAIL", 0, "failed motors, sum of 1, 2, 4, ... for the first, second, third, ...", 0, 255),
+    _signed("SIM_ENGINE_MUL", "1", 0.0, "share of their commands that failed motors obey", 1.0),
 )
 
 _PORTS = ((0, "by cable"), (1, "to ground stations by radio"), (2, "on board and to the swarm"))
@@ -371,6 +403,7 @@ PARAMETERS = tuple(
         LINK_PARAMETERS,
         SAFETY_PARAMETERS,
         BATTERY_PARAMETERS,
+        SENSOR_PARAMETERS,
         MODE_PARAMETERS,
         ACROBATIC_PARAMETERS,
         PILOT_PARAMETERS,

@@ -265,6 +265,27 @@ MEMORY = (
     State("battery_alarm", type=int, description="battery alarm: 1 low, 2 critical"),
     State("fence_breach", type=int, description="breached fences, bits of FENCE_TYPE"),
     Memory("fence_low_armed", dtype="?", rare=True),
+    Memory("fence_backup", shape=3, rare=True),  # beyond maximum height, circle, minimum height: another breach
+    Memory("fence_recovery", rare=True),  # time until which breaches are not looked at; 0: they are
+    Memory("land_pause"),  # s until LAND descends
+    # failing sensors
+    Memory("sim_on", dtype="?"),
+    Memory("position_lost", dtype="?"),
+    Memory("estimate_error", shape=3, rare=True),  # north, east, up
+    Memory("error_rate", shape=3, rare=True),
+    Memory("gps_lost_at", rare=True),  # -1: never
+    Memory("gps_rejected_at", rare=True),
+    Memory("barometer_rejected_at", rare=True),
+    Memory("glitching", dtype="?", rare=True),
+    Memory("glitch_seen_at", rare=True),
+    Memory("position_ratio", rare=True),  # innovation over its gate
+    Memory("height_ratio", rare=True),
+    Memory("ekf_count", dtype="i4", rare=True),
+    Memory("ekf_failed", dtype="?", rare=True),
+    Memory("ekf_acted", dtype="?", rare=True),
+    Memory("ekf_warned_at", rare=True),
+    Memory("crash_count", dtype="i4", rare=True),
+    Memory("thrust_count", dtype="i4", rare=True),
     # mission
     Memory("mission_count", dtype="i4"),  # number of items, including home
     Memory("mission_current", dtype="i4"),

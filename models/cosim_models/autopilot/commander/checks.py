@@ -1,0 +1,145 @@
+"""Checks in flight: a lost estimate, a crash and lost thrust. Ten times a second.
+
+Kernels over the autopilot's record `m`.
+
+Source: ArduPilot, ArduCopter ekf_check and crash_check.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.kernel import kernel
+from cosim_models.autopilot.commander.actions import land_with_pause
+from cosim_models.autopilot.flight.modes import set_mode
+from cosim_models.autopilot.flight.state import disarm, needs_position
+from cosim_models.autopilot.link.statustext import (
+    CRASHED,
+    CRITICAL,
+    EKF_ALT_HOLD,
+    EKF_CLEARED,
+    EKF_LANDS,
+    EKF_VARIANCE,
+    EMERGENCY,
+    NO_NUMBER,
+    THRUST_LOST,
+    say,
+    say_with,
+)
+from cosim_models.autopilot.record.modes import ACRO, ALT_HOLD, FLIP, LAND
+
+__all__ = ["watch_flight"]
+
+_COUNT = 10  # of checks in a row
+_WARN_AGAIN = 30.0  # s
+_REPORT, _ALT_HOLD, _ALWAYS = 0, 2, 3  # FS_EKF_ACTION
+_CRASH, _THRUST = 20, 10  # checks in a row
+_STILL, _FAST = 3.0, 10.0  # m/s2, m/s
+_WRONG, _LEANS = math.radians(30.0), math.cos(math.radians(15.0))
+_FULL, _LITTLE = 0.9, 0.25  # throttle
+
+
+@kernel
+def _fail_estimate(m: Any, t: float) -> None:
+    """Acts on a lost position by FS_EKF_ACTION; LAND goes on without a position."""
+    m.ekf_failed = True
+    if m.mode == LAND or m.FS_EKF_ACTION == _REPORT:
+        return
+    if not needs_position(m.mode) and m.FS_EKF_ACTION != _ALWAYS:
+        return
+    if m.FS_EKF_ACTION == _ALT_HOLD and not m.radio_lost and set_mode(m, ALT_HOLD, t):
+        say(m, CRITICAL, EKF_ALT_HOLD, NO_NUMBER)
+    else:
+        land_with_pause(m, t)
+        say(m, CRITICAL, EKF_LANDS, NO_NUMBER)
+    m.ekf_acted = True
+
+
+@kernel
+def _watch_estimate(m: Any, t: float) -> None:
+    if not m.armed or m.FS_EKF_THRESH <= 0.0:
+        m.ekf_count = 0
+        m.ekf_failed = m.ekf_acted = False
+    elif m.position_lost:
+        if m.ekf_failed:
+            return
+        m.ekf_count += 1
+        if m.ekf_count >= _COUNT:
+            m.ekf_count = _COUNT
+            if m.ekf_warned_at == 0.0 or t - m.ekf_warned_at > _WARN_AGAIN:
+                m.ekf_warned_at = t
+                say(m, CRITICAL, EKF_VARIANCE, NO_NUMBER)
+            _fail_estimate(m, t)
+    elif m.ekf_count > 0:
+        m.ekf_count -= 1
+        if m.ekf_count == 0 and m.ekf_failed:
+            if m.ekf_acted:
+                say(m, CRITICAL, EKF_CLEARED, NO_NUMBER)
+            m.ekf_failed = m.ekf_acted = False
+
+
+@kernel
+def _upright(q: Any) -> float:
+    """Returns the cosine of the lean of an attitude."""
+    return float(1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]))
+
+
+@kernel
+def _watch_crash(m: Any) -> None:
+    """Disarms a vehicle that has been tilted, still and slow for 2 s."""
+    a, v = m.land_acceleration_neu, m.velocity_neu
+    still = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+    fast = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if (
+        m.on_ground
+        or m.FS_CRASH_CHECK == 0
+        or m.mode == ACRO
+        or m.mode == FLIP
+        or still >= _STILL
+        or fast >= _FAST
+        or m.thrust_error <= _WRONG
+        or _upright(m.q) >= _LEANS
+    ):
+        m.crash_count = 0
+        return
+    m.crash_count += 1
+    if m.crash_count >= _CRASH:
+        m.crash_count = 0
+        error = int(math.degrees(m.thrust_error) + 0.5)
+        say_with(m, EMERGENCY, CRASHED, error, int(10.0 * still + 0.5))
+        disarm(m)
+
+
+@kernel
+def _watch_thrust(m: Any) -> None:
+    """Tells of a vehicle that descends level with full throttle for 1 s, and the motor that does most."""
+    full = m.throttle_in >= _FULL or m.limit_throttle_upper
+    if (
+        m.on_ground
+        or _upright(m.attitude_target) < _LEANS
+        or not full
+        or m.throttle_in < _LITTLE
+        or m.velocity_neu[2] >= 0.0
+        or m.thrust_error >= _WRONG
+    ):
+        m.thrust_count = 0
+        return
+    m.thrust_count += 1
+    if m.thrust_count == _THRUST:  # told again when it was better in the meantime
+        most = 0
+        for i in range(m.motor_count):
+            if m.thrust[i] > m.thrust[most]:
+                most = i
+        say(m, EMERGENCY, THRUST_LOST, most + 1)
+
+
+@kernel
+def watch_flight(m: Any, t: float) -> None:
+    """Performs the checks."""
+    _watch_estimate(m, t)
+    if not m.armed:
+        m.crash_count = m.thrust_count = 0
+        return
+    _watch_crash(m)
+    _watch_thrust(m)

@@ -1,0 +1,157 @@
+"""Failing sensors and motors, by ArduPilot's SIM_* parameters, and the reaction of the estimate.
+
+The motion that the autopilot senses stands for the estimate of ArduPilot's EKF3. While a parameter says that a sensor
+fails, the estimate has an error, which is added to that motion:
+
+- GPS: the estimate moves to the position that GPS tells (with the time constant of its gain) as long as that is within
+  the gate; beyond, GPS is rejected, and after 10 s the estimate is reset to it. Without GPS, the position is lost after
+  7 s; the error stays as it is.
+- Barometer: the same for the height, with a wider gate and a slower gain.
+
+A reset moves the desired motion, too, so that the vehicle does not jump. Kernels over the autopilot's record `m`.
+
+Source: ArduPilot, SITL (SIM_GPS, SIM_Baro: the drift counts from the start) and NavEKF3 (FuseVelPosNED, gates of 5
+standard deviations of 0.5 m and 2 m; posRetryTimeNoVel 7 s, retry times 10 s). The gains are round numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.frames import deg_e7, geodetic_from_local
+from cosim.kernel import kernel
+from cosim_models.autopilot.link.statustext import CRITICAL, GLITCH, GLITCH_CLEARED, INFO, NO_NUMBER, USING_GPS, say
+
+__all__ = ["add_errors", "fail_motors", "told_by_gps", "watch_sensors"]
+
+_PER_DEGREE = 111318.84502145034  # m of latitude, ArduPilot's LATLON_TO_M
+_GATE, _GATE_UP = 2.5, 10.0  # m
+_GAIN, _GAIN_UP = 1.0, 0.3  # 1/s
+_RETRY = 10.0  # s after which what is rejected is believed
+_LOST = 7.0  # s without GPS
+_GLITCH_BEGINS, _GLITCH_ENDS = 1.0, 10.0  # s of rejection, and without it
+_NEVER = -1.0
+_SAME = 1e-3  # m
+
+
+@kernel
+def _is_on(m: Any) -> bool:
+    """Returns whether a sensor or motor fails, or the estimate still has an error."""
+    if m.SIM_GPS1_ENABLE == 0 or m.SIM_ENGINE_FAIL != 0 or m.SIM_BARO_DRIFT != 0.0 or m.SIM_BARO_GLITCH != 0.0:
+        return True
+    if m.SIM_GPS1_GLTCH_X != 0.0 or m.SIM_GPS1_GLTCH_Y != 0.0 or m.SIM_GPS1_GLTCH_Z != 0.0:
+        return True
+    e = m.estimate_error
+    return bool(m.sim_on and (abs(e[0]) + abs(e[1]) + abs(e[2]) > _SAME or m.glitching or m.position_lost))
+
+
+@kernel
+def _reset(m: Any, axis: int, value: float) -> None:
+    """Sets the error of an axis; the desired position moves with the estimate."""
+    m.desired_position_neu[axis] += value - m.estimate_error[axis]
+    m.position_neu[axis] += value - m.estimate_error[axis]
+    m.estimate_error[axis] = value
+    m.error_rate[axis] = 0.0
+
+
+@kernel
+def _watch_glitch(m: Any, t: float) -> None:
+    if m.gps_rejected_at != _NEVER and t - m.gps_rejected_at >= _GLITCH_BEGINS:
+        m.glitch_seen_at = t
+        if not m.glitching:
+            m.glitching = True
+            say(m, CRITICAL, GLITCH, NO_NUMBER)
+    elif m.glitching and m.gps_rejected_at == _NEVER and t - m.glitch_seen_at >= _GLITCH_ENDS:
+        m.glitching = False
+        say(m, CRITICAL, GLITCH_CLEARED, NO_NUMBER)
+
+
+@kernel
+def _watch_gps(m: Any, t: float) -> None:
+    if m.SIM_GPS1_ENABLE == 0:
+        if m.gps_lost_at == _NEVER:
+            m.gps_lost_at = t
+        m.error_rate[0] = m.error_rate[1] = 0.0
+        m.position_ratio = 0.0
+        if t - m.gps_lost_at >= _LOST:
+            m.position_lost = True
+        return
+    n = m.SIM_GPS1_GLTCH_X * _PER_DEGREE
+    e = m.SIM_GPS1_GLTCH_Y * _PER_DEGREE * math.cos(m.origin_latitude)
+    m.gps_lost_at = _NEVER
+    if m.position_lost:
+        m.position_lost = False
+        _reset(m, 0, n)
+        _reset(m, 1, e)
+        say(m, INFO, USING_GPS, NO_NUMBER)
+    away_n, away_e = n - m.estimate_error[0], e - m.estimate_error[1]
+    m.position_ratio = math.sqrt(away_n * away_n + away_e * away_e) / _GATE
+    if m.position_ratio < 1.0:
+        m.gps_rejected_at = _NEVER
+        m.error_rate[0], m.error_rate[1] = _GAIN * away_n, _GAIN * away_e
+        return
+    m.error_rate[0] = m.error_rate[1] = 0.0
+    if m.gps_rejected_at == _NEVER:
+        m.gps_rejected_at = t
+    if t - m.gps_rejected_at >= _RETRY:
+        _reset(m, 0, n)
+        _reset(m, 1, e)
+
+
+@kernel
+def _watch_barometer(m: Any, t: float) -> None:
+    away = m.SIM_BARO_DRIFT * t + m.SIM_BARO_GLITCH - m.estimate_error[2]
+    m.height_ratio = abs(away) / _GATE_UP
+    if m.height_ratio < 1.0:
+        m.barometer_rejected_at = _NEVER
+        m.error_rate[2] = _GAIN_UP * away
+        return
+    m.error_rate[2] = 0.0
+    if m.barometer_rejected_at == _NEVER:
+        m.barometer_rejected_at = t
+    if t - m.barometer_rejected_at >= _RETRY:
+        _reset(m, 2, away + m.estimate_error[2])
+
+
+@kernel
+def watch_sensors(m: Any, t: float) -> None:
+    """Updates the errors of the estimate; called ten times a second."""
+    was = m.sim_on
+    m.sim_on = _is_on(m)
+    if not m.sim_on:
+        m.position_ratio = m.height_ratio = 0.0
+        return
+    if not was:
+        m.gps_lost_at = m.gps_rejected_at = m.barometer_rejected_at = _NEVER
+        for i in range(3):
+            m.estimate_error[i] = m.error_rate[i] = 0.0
+    _watch_gps(m, t)
+    _watch_glitch(m, t)
+    _watch_barometer(m, t)
+
+
+@kernel
+def add_errors(m: Any, dt: float) -> None:
+    """Adds the errors of the estimate to the sensed position."""
+    for i in range(3):
+        m.estimate_error[i] += m.error_rate[i] * dt
+        m.position_neu[i] += m.estimate_error[i]
+
+
+@kernel
+def told_by_gps(m: Any) -> tuple[int, int, float]:
+    """Returns latitude and longitude [degE7] and altitude [m] as GPS tells them: the true place, and its errors."""
+    e = m.estimate_error
+    n, east, d = m.position_neu[0] - e[0], m.position_neu[1] - e[1], e[2] - m.position_neu[2]
+    lat, lon, alt = geodetic_from_local(n, east, d, m.origin_latitude, m.origin_longitude, m.origin_altitude)
+    lat, lon = lat + math.radians(m.SIM_GPS1_GLTCH_X), lon + math.radians(m.SIM_GPS1_GLTCH_Y)
+    return deg_e7(lat), deg_e7(lon), alt + m.SIM_GPS1_GLTCH_Z
+
+
+@kernel
+def fail_motors(m: Any) -> None:
+    """Multiplies the commands of the motors in SIM_ENGINE_FAIL by SIM_ENGINE_MUL."""
+    for i in range(m.motor_count):
+        if (m.SIM_ENGINE_FAIL >> i) & 1 != 0:
+            m.motor[i] *= m.SIM_ENGINE_MUL

@@ -1,0 +1,218 @@
+"""Sensors and motors that fail by SIM_* parameters, set by a ground station in flight, and their fail-safes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from tests.models.copter import FAILED, GUIDED, LAND, LOITER, Copter
+
+ALT_HOLD = mavlink.COPTER_MODE_ALT_HOLD
+DEGREE = 6378100.0 * math.pi / 180.0
+"""Metres of a degree of latitude on ArduPilot's sphere."""
+GLITCH = 32768
+"""EKF_GPS_GLITCHING."""
+
+
+def put(copter: Copter, name: str, value: float) -> None:
+    """PARAM_SET, as a ground station sends it."""
+    copter.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32))
+    copter.run(0.01)
+    assert copter.m[name] == pytest.approx(value, rel=1e-6)
+
+
+def told(copter: Copter) -> list[tuple[int, str]]:
+    return [(m.severity, m.text) for m in copter.messages("STATUSTEXT")]
+
+
+def status(copter: Copter, number: int, name: str) -> mavlink.MAVLink_message:
+    copter.heard.clear()
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number)
+    copter.run(0.01)
+    return copter.messages(name)[-1]
+
+
+def ekf(copter: Copter) -> mavlink.MAVLink_message:
+    return status(copter, mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, "EKF_STATUS_REPORT")
+
+
+def gps(copter: Copter) -> mavlink.MAVLink_message:
+    return status(copter, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, "GPS_RAW_INT")
+
+
+def hovering(**autopilot: float) -> Copter:
+    copter = Copter(autopilot=autopilot).in_the_air(8.0, 12.0)
+    copter.heard.clear()
+    return copter
+
+
+# ---- GPS ------------------------------------------------------------------------------------------------------------
+
+
+def test_without_gps_the_position_is_lost_and_the_vehicle_lands_where_the_wind_takes_it() -> None:
+    copter = hovering()
+    copter.v["wind"][1] = 4.0
+    copter.run(6.0)
+    put(copter, "SIM_GPS1_ENABLE", 0)
+    assert (gps(copter).fix_type, gps(copter).satellites_visible) == (0, 0)
+    assert status(copter, mavlink.MAVLINK_MSG_ID_SYS_STATUS, "SYS_STATUS").onboard_control_sensors_health & 32 == 0
+    copter.heard.clear()
+    copter.run(7.5)
+    assert (copter.m["mode"], told(copter)) == (GUIDED, [])  # 7 s without GPS, and a second of checks
+    copter.run(1.0)
+    assert copter.m["mode"] == LAND
+    assert told(copter) == [(2, "EKF variance"), (2, "EKF Failsafe: changed to LAND Mode")]
+    assert ekf(copter).flags == 167
+    flight = copter.run(3.5)
+    assert np.ptp(flight[:, 3]) < 0.25  # the pause before the descent
+    copter.run(1.0)
+    assert copter.messages("HEARTBEAT")[-1].system_status == mavlink.MAV_STATE_CRITICAL
+    copter.run(31.0)
+    assert not copter.m["armed"]
+    assert copter.v["position"][1] > 8.0  # drifts
+
+
+def test_gps_that_returns_clears_the_failsafe() -> None:
+    copter = hovering()
+    put(copter, "SIM_GPS1_ENABLE", 0)
+    copter.run(9.0)
+    answer = copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LOITER)
+    assert answer[0] == ("ACK", mavlink.MAV_CMD_DO_SET_MODE, FAILED)
+    assert ("TEXT", 4, "Mode change to LOITER failed: requires position") in answer
+    copter.heard.clear()
+    put(copter, "SIM_GPS1_ENABLE", 1)
+    copter.run(1.5)
+    assert told(copter) == [(6, "EKF3 IMU0 is using GPS"), (2, "EKF Failsafe Cleared")]
+    assert ekf(copter).flags == 831
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LOITER)[0][2] == 0
+    copter.run(2.0)
+    assert not copter.m["sim_on"]
+
+
+@pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (2, ALT_HOLD), (3, LAND)])
+def test_the_action_for_a_lost_estimate(action: int, mode: int) -> None:
+    copter = hovering(FS_EKF_ACTION=action)
+    put(copter, "SIM_GPS1_ENABLE", 0)
+    copter.run(8.5)
+    assert copter.m["mode"] == mode
+    assert (2, "EKF variance") in told(copter)
+
+
+def test_a_mode_without_position_goes_on_unless_it_always_lands() -> None:
+    for action, mode in ((1, ALT_HOLD), (3, LAND)):
+        copter = hovering(FS_EKF_ACTION=action)
+        copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD)
+        put(copter, "SIM_GPS1_ENABLE", 0)
+        copter.run(9.0)
+        assert copter.m["mode"] == mode
+
+
+def test_a_small_glitch_moves_the_vehicle() -> None:
+    """2 m north within the gate: the estimate believes it, and the vehicle flies 2 m south."""
+    copter = hovering()
+    put(copter, "SIM_GPS1_GLTCH_X", 2.0 / DEGREE)
+    copter.run(12.0)
+    assert copter.v["position"][0] == pytest.approx(-2.0, abs=0.1)
+    assert copter.m["position_neu"][0] == pytest.approx(0.0, abs=0.1)
+    assert told(copter) == []
+    assert gps(copter).lat == pytest.approx(-353632620, abs=12)  # which is what GPS says
+
+
+def test_a_large_glitch_is_rejected_then_believed() -> None:
+    copter = hovering()
+    copter.go(0.0, 0.0, -8.0)
+    put(copter, "SIM_GPS1_GLTCH_Y", 20.0 / (DEGREE * math.cos(math.radians(35.363262))))
+    copter.run(1.5)
+    assert told(copter) == [(2, "GPS Glitch or Compass error")]
+    report = ekf(copter)
+    assert (report.flags, report.pos_horiz_variance) == (831 + GLITCH, pytest.approx(8.0, rel=1e-3))
+    flight = copter.run(8.0)
+    assert np.abs(flight[:, 2]).max() < 0.2
+    copter.run(0.7)
+    assert copter.m["position_neu"][1] == pytest.approx(20.0, abs=0.3)  # the estimate has jumped
+    assert copter.v["position"][1] == pytest.approx(0.0, abs=0.3)  # not the vehicle, which then flies back
+    copter.run(12.0)
+    assert copter.v["position"][1] == pytest.approx(-20.0, abs=0.5)
+    assert (2, "Glitch cleared") in told(copter)
+    assert copter.m["mode"] == GUIDED
+
+
+# ---- barometer ------------------------------------------------------------------------------------------------------
+
+
+def test_a_barometer_that_drifts_moves_the_height() -> None:
+    """The drift counts from the start, so that 0.05 m/s at 20 s is 1 m at once; the vehicle sinks as it drifts."""
+    copter = hovering()
+    copter.run(20.0 - copter.time)
+    up = -float(copter.v["position"][2])
+    put(copter, "SIM_BARO_DRIFT", 0.05)
+    copter.run(30.0)
+    offset = 0.05 * copter.time
+    assert copter.m["estimate_error"][2] == pytest.approx(offset, abs=0.25)
+    assert -copter.v["position"][2] == pytest.approx(up - offset, abs=0.35)
+
+
+def test_a_barometer_that_jumps_is_rejected_for_ten_seconds() -> None:
+    copter = hovering()
+    put(copter, "SIM_BARO_GLITCH", -15.0)
+    copter.run(9.0)
+    assert copter.m["estimate_error"][2] == 0.0
+    assert ekf(copter).pos_vert_variance == pytest.approx(1.5)
+    copter.run(1.5)
+    assert copter.m["estimate_error"][2] == pytest.approx(-15.0)
+    copter.run(15.0)
+    assert -copter.v["position"][2] == pytest.approx(23.0, abs=0.5)
+
+
+# ---- motors ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_motor_that_stops_ends_in_a_crash_that_is_noticed() -> None:
+    copter = hovering()
+    put(copter, "SIM_ENGINE_FAIL", 1)
+    copter.run(0.5)
+    assert copter.m["motor"][0] == 0.0
+    copter.run(12.0)
+    (crash,) = [text for severity, text in told(copter) if text.startswith("Crash: ")]
+    assert crash.startswith("Crash: Disarming: AngErr=") and ">30, Accel=" in crash and crash.endswith("<3.0")
+    assert 30 < int(crash.split("AngErr=")[1].split(">")[0]) <= 180
+    assert float(crash.split("Accel=")[1].split("<")[0]) < 3.0
+    assert not copter.m["armed"]
+
+
+def test_a_crash_is_not_looked_for_when_it_is_off() -> None:
+    copter = hovering(FS_CRASH_CHECK=0)
+    put(copter, "SIM_ENGINE_FAIL", 1)
+    copter.run(10.0)
+    assert not [text for _, text in told(copter) if text.startswith("Crash")]
+
+
+def test_all_motors_with_half_their_thrust_are_told() -> None:
+    copter = hovering()
+    put(copter, "SIM_ENGINE_MUL", 0.6)
+    put(copter, "SIM_ENGINE_FAIL", 15)
+    copter.run(4.0)
+    texts = [text for severity, text in told(copter) if severity == 0]
+    assert texts and texts[0].startswith("Potential Thrust Loss (") and texts[0][23] in "1234"
+
+
+def test_a_parameter_that_is_set_back_leaves_no_trace() -> None:
+    """The same flight to the bit with and without a motor that failed on the ground before it."""
+    flights = []
+    for fails in (False, True):
+        copter = Copter()
+        copter.run(1.0)
+        if fails:
+            put(copter, "SIM_ENGINE_FAIL", 1)
+            copter.run(0.5)
+            put(copter, "SIM_ENGINE_FAIL", 0)
+            copter.run(0.48)
+        else:
+            copter.run(1.0)
+        assert copter.time == pytest.approx(2.0)
+        copter.in_the_air(4.0, 8.0)
+        flights.append(copter.run(1.0))
+    np.testing.assert_array_equal(flights[0], flights[1])
