@@ -81,6 +81,8 @@ class Airframe(IntEnum):
     plane = 8
     """aileron (1: roll right), elevator (1: nose up), throttle (0: none), rudder (1: nose right); servos rest at 0.5"""
     quad_plus = 9
+    quadplane = 10
+    """as for a plane, then four motors that lift, in ArduPilot's order of an X"""
 
 
 VEHICLE_INPUTS: tuple[Variable, ...] = (

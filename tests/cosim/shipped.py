@@ -6,7 +6,16 @@ from cosim import Model
 from cosim.build import models_of_package
 
 _LAWS_LIKE_RENDEZVOUS = {"AreaSweep", "Coverage", "Flocking", "Follower", "FormationFlight", "TargetTracking"}
-_LIKE_OTHERS = {"Octorotor", "Y6", "Boat", "IdealAutopilot", "PlaneAutopilot", "RoverAutopilot"}
+_LIKE_OTHERS = {
+    "Octorotor",
+    "Y6",
+    "Boat",
+    "IdealAutopilot",
+    "PlaneAutopilot",
+    "RoverAutopilot",
+    "Quadplane",
+    "QuadplaneAutopilot",
+}
 _FLOWN = {"Airspace", "LargeAirspace", "PowerSystem"}
 
 

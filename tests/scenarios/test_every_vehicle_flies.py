@@ -46,6 +46,7 @@ PLACES = {
     "Rover": Place(3.1, 6.1, 0.0, GROUND),
     "Boat": Place(3.1, 6.1, 0.0, GROUND),
     "FixedWing": Place(30.0, 85.0),
+    "Quadplane": Place(1.0, 1.0),
 }
 
 
@@ -201,6 +202,7 @@ def test_any_class_takes_the_place_of_any_other(fmus: Path, tmp_path: Path) -> N
         "PointMass": "IdealAutopilot",
         "Rover": "RoverAutopilot",
         "FixedWing": "PlaneAutopilot",
+        "Quadplane": "QuadplaneAutopilot",
     }
     for first in pilots:
         start = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / f"{first}.fmu", tmp_path / first)

@@ -41,6 +41,7 @@ from cosim.messages import (
     MAV_COMP_ID_AUTOPILOT1,
     MAV_FRAME_GLOBAL_INT,
     MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+    PLANE_MODE_QLAND,
     PLANE_MODE_RTL,
     ROVER_MODE_HOLD,
     SET_POSITION_TARGET_GLOBAL_INT,
@@ -146,6 +147,7 @@ _WAITING, _READY, _FLYING = int(Task.waiting), int(Task.ready), int(Task.flying)
 _LANDING, _LANDED = int(Task.landing), int(Task.landed)
 _NOT_LANDED = int(Trouble.not_landed)
 _LOOKAHEAD = 10.0  # s: a fixed wing follows a velocity towards the point that it leads to in so long
+_LOOKAHEAD_HOVERING = 2.0  # s: a quadplane, whose speed is its distance times Q_P_POSXY_P, 0.5 /s
 _IGNORE_ALL, _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_ACCELERATION = 0x0DFF, 0x0007, 0x0038, 0x01C0
 _LEVEL_GAIN, _LEVEL_SPEED = 0.5, 1.0  # 1/s and m/s, for the vertical velocity that keeps the altitude
 
@@ -303,7 +305,9 @@ def _land(m: Any, now: float) -> None:
     elif m.surface and not m.guided:
         ask(m, now, MAV_CMD_COMPONENT_ARM_DISARM, 0.0, 0.0, 0.0)
     else:
-        mode = ROVER_MODE_HOLD if m.surface else PLANE_MODE_RTL if m.wings else COPTER_MODE_LAND
+        mode = ROVER_MODE_HOLD if m.surface else COPTER_MODE_LAND
+        if m.wings:
+            mode = PLANE_MODE_QLAND if m.vtol else PLANE_MODE_RTL
         ask(m, now, MAV_CMD_DO_SET_MODE, float(MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode), 0.0)
 
 
@@ -333,7 +337,7 @@ def _limit(m: Any) -> None:
 @kernel
 def _steer_wings(m: Any, which: int) -> None:
     """Sends a fixed wing to the position, or to where the velocity leads, at the height of the set-point."""
-    ahead = 0.0 if which & POSITION != 0 else _LOOKAHEAD
+    ahead = 0.0 if which & POSITION != 0 else _LOOKAHEAD_HOVERING if m.vtol else _LOOKAHEAD
     latitude, longitude, altitude = geodetic_from_local(
         m.setpoint_position[0] + ahead * m.setpoint_velocity[0],
         m.setpoint_position[1] + ahead * m.setpoint_velocity[1],

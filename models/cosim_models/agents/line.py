@@ -34,6 +34,7 @@ __all__ = ["ERRORS", "POSITION", "StalePolicy", "Trigger", "line_guard", "line_k
 _ONLY_POSITION = 0x0DF8  # POSITION_TARGET_TYPEMASK: velocity, acceleration, yaw and yaw rate ignored
 _ONLY_VELOCITY = 0x0DC7
 _LOOKAHEAD = 10.0  # s: a fixed wing follows a velocity towards the point that it leads to in so long
+_LOOKAHEAD_HOVERING = 2.0  # s: a quadplane, whose speed is its distance times Q_P_POSXY_P, 0.5 /s
 
 
 class Trigger(IntEnum):
@@ -212,8 +213,9 @@ def _guarded(m: Any, now: float) -> None:
     guard(m, now, POSITION, m.place, m.velocity)
     zero = 0.0
     if m.wings:
-        north = m.place[0] + _LOOKAHEAD * m.setpoint_velocity[0]
-        east = m.place[1] + _LOOKAHEAD * m.setpoint_velocity[1]
+        ahead = _LOOKAHEAD_HOVERING if m.vtol else _LOOKAHEAD
+        north = m.place[0] + ahead * m.setpoint_velocity[0]
+        east = m.place[1] + ahead * m.setpoint_velocity[1]
         latitude = m.origin_latitude + north / EARTH_RADIUS_ARDUPILOT
         longitude = longitude_at(m.origin_latitude, m.origin_longitude, east, EARTH_RADIUS_ARDUPILOT)
         reposition(m, MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, deg_e7(latitude), deg_e7(longitude), float(m.altitude))

@@ -185,17 +185,17 @@ _KINDS = (
     _by_kind(
         "mass", "kg", 1e-3, "of a vehicle",
         quad_x=1.545, hexa_x=1.544, octa_x=3.0, y6=1.544, point_mass=1.5, rover=2.0, boat=2.0, plane=13.5,
-        quad_plus=1.545,
+        quad_plus=1.545, quadplane=3.0,
     ),
     _by_kind(
         "rotor_area", "m2", 0.0, "area of all rotor discs of a vehicle; 0: none",
         quad_x=0.2027, hexa_x=0.1946, octa_x=0.4054, y6=0.0973, point_mass=0.2027, rover=0.0, boat=0.0, plane=0.0,
-        quad_plus=0.2027,
+        quad_plus=0.2027, quadplane=0.385,
     ),
     _by_kind(
         "radius", "m", 0.0, "of the sphere that a vehicle is to others",
         quad_x=0.35, hexa_x=0.35, octa_x=0.5, y6=0.35, point_mass=0.35, rover=0.3, boat=0.3, plane=1.4,
-        quad_plus=0.35,
+        quad_plus=0.35, quadplane=1.0,
     ),
 )  # fmt: skip
 _WIND = (

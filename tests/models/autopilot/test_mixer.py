@@ -77,7 +77,9 @@ def test_torques_do_not_mix(airframe: Airframe) -> None:
     assert gram - np.diag(np.diag(gram)) == pytest.approx(np.zeros((3, 3)), abs=1e-12)
 
 
-@pytest.mark.parametrize("airframe", [0, 77, Airframe.point_mass, Airframe.rover, Airframe.boat, Airframe.plane])
+@pytest.mark.parametrize(
+    "airframe", [0, 77, Airframe.point_mass, Airframe.rover, Airframe.boat, Airframe.plane, Airframe.quadplane]
+)
 def test_what_is_no_multirotor_has_no_motors(airframe: int) -> None:
     assert factors(airframe)[0] == 0
 

@@ -13,10 +13,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from cosim import Model
 from cosim_models.autopilot.ideal_autopilot import IdealAutopilot
 from cosim_models.autopilot.plane_autopilot import PlaneAutopilot
+from cosim_models.autopilot.quadplane_autopilot import QuadplaneAutopilot
 from cosim_models.autopilot.rover_autopilot import RoverAutopilot
 from cosim_models.vehicles.boat import Boat
 from cosim_models.vehicles.fixed_wing import FixedWing
 from cosim_models.vehicles.point_mass import PointMass
+from cosim_models.vehicles.quadplane import Quadplane
 from cosim_models.vehicles.rover import Rover
 from tests.models.pair import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Pair, degrees_of
 from tests.models.shipped_kernels import kernels
@@ -58,6 +60,7 @@ KINDS = {
     "rover": Kind(Rover, RoverAutopilot, 10, 15, 11, 0, UNSUPPORTED, UNSUPPORTED, (99, 9, 6)),
     "boat": Kind(Boat, RoverAutopilot, 11, 15, 11, 0, UNSUPPORTED, UNSUPPORTED, (99, 9, 6)),
     "plane": Kind(FixedWing, PlaneAutopilot, 1, 15, 11, 0, FAILED, UNSUPPORTED, (99, 9, 4)),
+    "quadplane": Kind(Quadplane, QuadplaneAutopilot, 20, 15, 11, 0, ACCEPTED, UNSUPPORTED, (99, 9, 4, 17, 23)),
 }
 
 

@@ -40,6 +40,8 @@ from cosim.messages import (
     MAV_TYPE_GROUND_ROVER,
     MAV_TYPE_ONBOARD_CONTROLLER,
     MAV_TYPE_SURFACE_BOAT,
+    MAV_TYPE_VTOL_DUOROTOR,
+    MAV_TYPE_VTOL_RESERVED5,
     PLANE_MODE_GUIDED,
     decode_command_ack,
     decode_ekf_status_report,
@@ -80,7 +82,8 @@ CONVERSATION: tuple[Variable, ...] = (
     Memory("guided", dtype="?"),
     Memory("guided_mode", dtype="i4"),  # the number of GUIDED of its kind of vehicle
     Memory("surface", dtype="?"),  # a rover or a boat: it does not take off
-    Memory("wings", dtype="?"),  # a fixed wing: it takes off in a mode of its own, and cannot stop
+    Memory("wings", dtype="?"),  # a plane, with ArduPlane's modes, which gets its positions by DO_REPOSITION
+    Memory("vtol", dtype="?"),  # a plane that takes off vertically and hovers; others take off in a mode of their own
     Memory("estimate", dtype="?"),
     Memory("fix", dtype="?"),
     Memory("asked", dtype="i4"),  # command that waits for its answer
@@ -126,7 +129,8 @@ def _hear_autopilot(m: Any, message: int) -> None:
         kind, autopilot, base_mode, custom_mode, _, _ = decode_heartbeat(m.payload)
         if autopilot != MAV_AUTOPILOT_INVALID:
             m.surface = kind in (MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT)
-            m.wings = kind == MAV_TYPE_FIXED_WING
+            m.vtol = MAV_TYPE_VTOL_DUOROTOR <= kind <= MAV_TYPE_VTOL_RESERVED5
+            m.wings = m.vtol or kind == MAV_TYPE_FIXED_WING
             # Rovers and boats have the number of planes.
             m.guided_mode = PLANE_MODE_GUIDED if m.surface or m.wings else COPTER_MODE_GUIDED
             m.heard = True

@@ -1,7 +1,8 @@
 """The take-off of an agent's drone, as kernels over its record: its states, and the conditions for giving up.
 
 The agent waits for its autopilot, requests the streams that it needs, and commands GUIDED mode, arming and take-off.
-Rovers and boats, which their heartbeats tell, do not take off; a fixed wing takes off in ArduPlane's mode TAKEOFF.
+Rovers and boats, which their heartbeats tell, do not take off; a fixed wing takes off in ArduPlane's mode TAKEOFF, a
+quadplane that tells its kind as a copter does.
 `line` (the line's agent) and `kit` (agents that follow a law) define the behaviour afterwards.
 
 The record of an agent has `SCRIPT` among its variables, and the outputs `state` and `failure`. The agent measures its
@@ -157,7 +158,7 @@ def prepare(m: Any, now: float) -> None:
         if m.armed:
             enter_next(m, now)
             command = 0
-    elif m.wings:
+    elif m.wings and not m.vtol:
         command, p1, p2 = _launch(m, now)
     elif (m.surface or _is_up(m)) and not stale(m, m.position_heard, now):
         enter_next(m, now)
@@ -221,7 +222,7 @@ def supervise(m: Any) -> None:
         return
     if m.state >= _TAKEOFF and not m.armed:
         fail(m, _DISARMED)
-    elif m.state >= _ARMING and not m.guided and not (m.wings and m.state == _TAKEOFF):
+    elif m.state >= _ARMING and not m.guided and not (m.wings and not m.vtol and m.state == _TAKEOFF):
         fail(m, _LEFT_GUIDED)
 
 

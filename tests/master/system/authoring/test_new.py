@@ -335,7 +335,7 @@ def test_connectors_have_the_types_and_units_of_the_fmus(fmus: Path, tmp_path: P
     assert typed["velocity[2]"] == ("Real", "m/s", None)
     assert typed["airframe"] == ("Enumeration", None, "airframe")
     assert {one.get("name") for one in root.iter("{*}Unit")} == {"m", "m/s", "m/s2", "rad/s"}
-    airframes = ["quad_x", "hexa_x", "octa_x", "y6", "point_mass", "rover", "boat", "plane", "quad_plus"]
+    airframes = ["quad_x", "hexa_x", "octa_x", "y6", "point_mass", "rover", "boat", "plane", "quad_plus", "quadplane"]
     assert [one.get("name") for one in root.iter("{*}Item")] == airframes
     shipped = etree.parse(str(ROOT / "master/systems/line5/drone.ssd")).getroot()
     assert {one.get("name"): etree.tostring(one[0], method="c14n") for one in shipped.iter("{*}Connector")} == {

@@ -1,0 +1,503 @@
+"""The quadplane autopilot FMU: ArduPlane's modes and MAVLink behaviour for fixed wings with lifting rotors.
+
+It takes off and lands vertically, hovers at places, and flies on its wing over longer distances. In GUIDED with
+Q_GUIDED_MODE 1, a new target farther away than WP_LOITER_RAD is flown to on the wing, a nearer one on the rotors, and
+the vehicle hovers at it; with 0, it circles its target as a fixed wing. NAV_TAKEOFF in GUIDED, and the missions'
+take-offs, are vertical; VTOL_LAND, QLAND and QRTL land vertically. QHOVER keeps level, QLOITER its place. All other
+modes and answers are those of `PlaneAutopilot`.
+
+From the rotors to the wing: the propeller accelerates the vehicle, which the rotors hold level at its height, up to
+AIRSPEED_MIN; then, within Q_TRANSITION_MS, the wing takes over. Back: near its place it slows down to AIRSPEED_MIN, and
+from a distance of v2 / (2 Q_TRANS_DECEL) on the rotors carry it. On the wing, they come to its help below 3/4 of
+AIRSPEED_MIN.
+
+Differences from ArduPlane: those of `PlaneAutopilot`; Q_GUIDED_MODE and Q_MAV_TYPE are 0 there; there is no pilot, so
+that QSTABILIZE and QACRO are refused; no assistance by angle, no weathervaning but that by the fin, no tilting rotors.
+
+Source: ArduPilot, ArduPlane/quadplane.cpp (modes, do_user_takeoff, is_vtol_takeoff, transitions), mode_guided.cpp.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Any, ClassVar
+
+from cosim import Memory, Model
+from cosim.kernel import kernel
+from cosim.messages import (
+    MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_VTOL_TRANSITION,
+    MAV_CMD_MISSION_START,
+    MAV_CMD_NAV_LOITER_UNLIM,
+    MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    MAV_CMD_NAV_TAKEOFF,
+    MAV_CMD_NAV_VTOL_LAND,
+    MAV_CMD_NAV_VTOL_TAKEOFF,
+    MAV_CMD_NAV_WAYPOINT,
+    MAV_RESULT_ACCEPTED,
+    MAV_RESULT_DENIED,
+    MAV_RESULT_FAILED,
+    MAV_RESULT_UNSUPPORTED,
+    MAV_TYPE_FIXED_WING,
+    MAV_TYPE_VTOL_QUADROTOR,
+    SET_POSITION_TARGET_GLOBAL_INT,
+    decode_set_position_target_global_int,
+)
+from cosim.vehicle import Airframe
+from cosim_models.autopilot.gcs.commands import firmware, receiver
+from cosim_models.autopilot.gcs.missions import COMMAND, continue_upload, item_place, mission_protocol, tell_reached
+from cosim_models.autopilot.gcs.parameters import parameter_protocol
+from cosim_models.autopilot.gcs.record import MISSION, pilot_variables, real, whole
+from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, stream
+from cosim_models.autopilot.gcs.targets import go_to, hold_here, is_place, locate
+from cosim_models.autopilot.wing.flight import (
+    WING_MEMORY,
+    bank_for,
+    circle,
+    clip,
+    cruise_speed,
+    fly,
+    launch,
+    rest,
+    servos,
+    take_off,
+    wing_parameters,
+)
+from cosim_models.autopilot.wing.hover import HOVER_MEMORY, HOVER_PARAMETERS, hover, level, lift_off, no_lift, sink
+
+__all__ = ["QuadplaneAutopilot"]
+
+
+class QuadplaneMode(IntEnum):
+    """Modes, by ArduPlane's numbers."""
+
+    MANUAL = 0
+    CIRCLE = 1
+    AUTO = 10
+    RTL = 11
+    LOITER = 12
+    TAKEOFF = 13
+    GUIDED = 15
+    QHOVER = 18
+    QLOITER = 19
+    QLAND = 20
+    QRTL = 21
+
+
+_MANUAL, _CIRCLE, _AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED, _QHOVER, _QLOITER, _QLAND, _QRTL = map(int, QuadplaneMode)
+_GRAVITY = 9.80665
+_ONLY_HEIGHT, _NO_HEIGHT = 0x0003, 0x0004  # POSITION_TARGET_TYPEMASK: no latitude and longitude; no height
+_FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of them it is in the air
+_APPROACH = 250.0  # m from its place, from which on it flies at AIRSPEED_MIN
+_THERE, _SLOW = 2.0, 1.0  # m and m/s: it is at its place
+_CLIMBED = 0.5  # m below the end of a vertical take-off
+_LANDED_SPEED, _LANDED_TIME = 0.1, 1.0  # m/s and s: slower than commanded for so long is landed
+_STATE_MC, _STATE_FW = 3, 4  # MAV_VTOL_STATE
+_GENTLE = 0.25  # rad, greatest bank while the rotors carry it
+_FLOWN = (
+    MAV_CMD_NAV_WAYPOINT,
+    MAV_CMD_NAV_LOITER_UNLIM,
+    MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    MAV_CMD_NAV_TAKEOFF,
+    MAV_CMD_NAV_VTOL_TAKEOFF,
+    MAV_CMD_NAV_VTOL_LAND,
+)
+_NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
+
+VARIABLES = pilot_variables(
+    (Airframe.quadplane,),
+    QuadplaneMode.MANUAL,
+    (
+        *wing_parameters(
+            AIRSPEED_CRUISE=16.0,
+            AIRSPEED_MIN=12.0,
+            AIRSPEED_MAX=20.0,
+            TRIM_THROTTLE=70.0,
+            THR_MAX=100.0,
+            TKOFF_THR_MAX=100.0,
+        ),
+        *HOVER_PARAMETERS,
+        whole("Q_GUIDED_MODE", 1, "1: hovers at the targets of GUIDED; 0: circles them"),
+        whole("Q_MAV_TYPE", MAV_TYPE_VTOL_QUADROTOR, "MAV_TYPE in the heartbeat; 0: fixed wing"),
+        real("Q_TRANSITION_MS", "ms", 5000.0, "time within which the wing takes over from the rotors", 1.0),
+        real("Q_RTL_ALT", "m", 15.0, "height above home from which QRTL descends", 1.0),
+    ),
+    (
+        *MISSION,
+        *WING_MEMORY,
+        *HOVER_MEMORY,
+        Memory("vtol", dtype="?"),  # the rotors carry it
+        Memory("vtol_mode", dtype="?"),  # of waypoints, by DO_VTOL_TRANSITION
+        Memory("seen", shape=2),  # m: the last target, north and east
+        Memory("fast_since"),  # s: since when the wing takes over; -1: not yet
+        Memory("lift_before"),  # mean thrust of the rotors by then
+        Memory("still_since"),  # s: since when a descent does not move it; -1: it does
+        Memory("descending", dtype="?"),
+    ),
+)
+_hear_parameter, _continue_list = parameter_protocol(VARIABLES)
+_hear_mission = mission_protocol(_FLOWN)
+
+
+# ---- modes and commands --------------------------------------------------------------------------------------------
+
+
+@kernel
+def _change_mode(m: Any, mode: int, t: float) -> int:
+    known = mode in (_MANUAL, _CIRCLE, _AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED)
+    if not known and not _QHOVER <= mode <= _QRTL:
+        return MAV_RESULT_FAILED
+    if mode == m.mode:
+        return MAV_RESULT_ACCEPTED
+    if mode != _MANUAL and not ready(m, t):
+        return MAV_RESULT_FAILED
+    if mode == _AUTO:
+        if m.mission_count <= 1:
+            return MAV_RESULT_FAILED
+        if m.mission_current == 0 or m.mission_done:
+            m.mission_current = 1
+        m.mission_done = False
+    m.mode = mode
+    m.autonomous = mode != _MANUAL
+    m.taking_off = False
+    m.vtol_mode, m.descending = False, False
+    hold_here(m)
+    _note_target(m)
+    if mode == _TAKEOFF:
+        launch(m, m.home[2] - m.TKOFF_ALT)
+    elif mode == _RTL:
+        go_to(m, m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE)
+    elif mode == _QRTL:
+        go_to(m, m.home[0], m.home[1], m.home[2] - m.Q_RTL_ALT)
+    return MAV_RESULT_ACCEPTED
+
+
+@kernel
+def _arm(m: Any, forced: bool, t: float) -> int:
+    if not (ready(m, t) or forced) or m.mode in (_QLAND, _QRTL):
+        return MAV_RESULT_FAILED
+    m.armed = True
+    m.armed_at = t
+    m.vtol = m.mode != _TAKEOFF
+    for i in range(3):
+        m.home[i] = m.position[i]
+    if m.mode == _TAKEOFF:
+        launch(m, m.home[2] - m.TKOFF_ALT)
+    return MAV_RESULT_ACCEPTED
+
+
+@kernel
+def _rise(m: Any, down: float) -> None:
+    """Begins a vertical take-off, up to a down coordinate."""
+    go_to(m, m.position[0], m.position[1], down)
+    _note_target(m)
+    m.taking_off = True
+    m.vtol = True
+
+
+@kernel
+def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) -> int:
+    if command == MAV_CMD_MISSION_START:
+        return _change_mode(m, _AUTO, t)
+    if command == MAV_CMD_NAV_TAKEOFF:
+        if m.mode != _GUIDED or not m.armed or not m.on_ground or m.taking_off or not p7 > 0.0:
+            return MAV_RESULT_FAILED
+        _rise(m, m.position[2] - p7)
+        return MAV_RESULT_ACCEPTED
+    if command == MAV_CMD_DO_VTOL_TRANSITION:
+        if m.mode != _AUTO or p1 not in (float(_STATE_MC), float(_STATE_FW)):
+            return MAV_RESULT_FAILED
+        m.vtol_mode = p1 == float(_STATE_MC)
+        return MAV_RESULT_ACCEPTED
+    if command == MAV_CMD_DO_CHANGE_SPEED:
+        if p1 != 0.0 or not m.AIRSPEED_MIN <= p2 <= m.AIRSPEED_MAX:
+            return MAV_RESULT_DENIED
+        m.cruise = p2
+        return MAV_RESULT_ACCEPTED
+    return MAV_RESULT_UNSUPPORTED
+
+
+@kernel
+def _hear(m: Any, message: int, t: float) -> None:  # noqa: ARG001
+    """Takes the height of SET_POSITION_TARGET_GLOBAL_INT; everything else is ignored."""
+    if message != SET_POSITION_TARGET_GLOBAL_INT:
+        return
+    _, _, _, frame, mask, _, _, alt, _, _, _, _, _, _, _, _ = decode_set_position_target_global_int(m.received)
+    only_height = (mask & _ONLY_HEIGHT) == _ONLY_HEIGHT and (mask & _NO_HEIGHT) == 0
+    if only_height and is_place(frame, 0, 0, alt):
+        m.guided_position[2] = locate(m, frame, 0, 0, alt)[2]
+
+
+@kernel
+def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
+    if not _hear_parameter(m, message):
+        _hear_mission(m, message, sender, part, t)
+
+
+_receive = receiver(firmware(_GUIDED, _RTL, _change_mode, _arm, _command, _hear, _other))
+
+
+# ---- flight --------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _speed(m: Any) -> float:
+    """Returns the horizontal speed [m/s]."""
+    return math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
+
+
+@kernel
+def _distance(m: Any, n: float, e: float) -> float:
+    """Returns the horizontal distance [m] of a place."""
+    return math.sqrt((n - m.position[0]) ** 2 + (e - m.position[1]) ** 2)
+
+
+@kernel
+def _note_target(m: Any) -> None:
+    m.seen[0], m.seen[1] = m.guided_position[0], m.guided_position[1]
+
+
+@kernel
+def _on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float) -> None:
+    """Flies with a bank and a speed on the wing, or gets there."""
+    speed = _speed(m)
+    if m.vtol or (m.fast_since >= 0.0 and speed < 0.75 * m.AIRSPEED_MIN):
+        m.vtol = False
+        m.fast_since = -1.0
+    gentle = clip(bank, -_GENTLE, _GENTLE) if speed > _FLYING_SPEED else 0.0
+    turn = _GRAVITY * math.tan(gentle) / max(speed, m.AIRSPEED_MIN)
+    if m.fast_since < 0.0:
+        servos(m, gentle, 0.0, 0.01 * m.THR_MAX, h)
+        lift_off(m, gentle, turn, down, 1.0, h)
+        if speed >= m.AIRSPEED_MIN:
+            m.fast_since, m.lift_before = t, m.lift
+            m.speed_before, m.acceleration, m.throttle_trim = speed, 0.0, 0.0
+        return
+    left = 1.0 - 1000.0 * (t - m.fast_since) / m.Q_TRANSITION_MS
+    if left <= 0.0:
+        fly(m, bank, down, wanted, h)
+        no_lift(m)
+        return
+    fly(m, gentle, down, wanted, h)
+    m.lift = left * m.lift_before
+    lift_off(m, gentle, turn, down, left, h)
+
+
+@kernel
+def _to(m: Any, n: float, e: float, d: float, t: float, h: float) -> bool:
+    """Flies to a place, on the wing from afar and on the rotors at its end; returns whether it hovers there."""
+    distance, speed = _distance(m, n, e), _speed(m)
+    if n != m.seen[0] or e != m.seen[1]:
+        m.seen[0], m.seen[1] = n, e
+        if m.vtol and distance > m.WP_LOITER_RAD:
+            m.vtol = False
+            m.fast_since = -1.0
+    if not m.vtol and distance < 0.5 * speed * speed / m.Q_TRANS_DECEL:
+        m.vtol = True
+        m.lift_trim = 0.0
+    if m.vtol:
+        hover(m, n, e, d, h)
+        return distance < _THERE and speed < _SLOW
+    course = math.atan2(e - m.position[1], n - m.position[0])
+    _on_wing(m, bank_for(m, course, 0.0), d, m.AIRSPEED_MIN if distance < _APPROACH else cruise_speed(m), t, h)
+    return False
+
+
+@kernel
+def _round(m: Any, n: float, e: float, d: float, t: float, h: float) -> None:
+    """Circles a place on the wing."""
+    _on_wing(m, circle(m, n, e), d, cruise_speed(m), t, h)
+
+
+@kernel
+def _land(m: Any, n: float, e: float, t: float, h: float) -> None:
+    """Descends at a place, and disarms on the ground."""
+    m.vtol = True
+    sink(m, n, e, h)
+    if abs(m.velocity[2]) > _LANDED_SPEED:
+        m.still_since = -1.0
+    elif m.still_since < 0.0:
+        m.still_since = t
+    elif t - m.still_since >= _LANDED_TIME and m.descending:
+        m.armed = False
+    if not m.descending:
+        m.descending, m.still_since = True, -1.0
+
+
+@kernel
+def _vertical(m: Any, h: float) -> None:
+    """Climbs to the height of the target, and ends the take-off there."""
+    hover(m, m.guided_position[0], m.guided_position[1], m.guided_position[2], h)
+    if m.position[2] <= m.guided_position[2] + _CLIMBED:
+        m.taking_off = False
+
+
+@kernel
+def _carry_out(m: Any, t: float, h: float) -> None:
+    """Carries the mission out; at its end, it circles the last place."""
+    row = m.mission_current
+    if m.mission_done or row >= m.mission_count:
+        m.mission_done = True
+        _round(m, m.guided_position[0], m.guided_position[1], m.guided_position[2], t, h)
+        return
+    command = int(m.mission[row, COMMAND])
+    if command in (MAV_CMD_NAV_TAKEOFF, MAV_CMD_NAV_VTOL_TAKEOFF):
+        _, _, d = item_place(m, row)
+        if m.on_ground and not m.taking_off:
+            _rise(m, d)
+        if m.taking_off:
+            _vertical(m, h)
+        if not m.taking_off:
+            tell_reached(m, row)
+            m.mission_current += 1
+        return
+    n, e, d = m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE
+    if command != MAV_CMD_NAV_RETURN_TO_LAUNCH:
+        n, e, d = item_place(m, row)
+    if command == MAV_CMD_NAV_VTOL_LAND:
+        _land_at(m, n, e, t, h)
+        return
+    go_to(m, n, e, d)
+    if command != MAV_CMD_NAV_WAYPOINT:
+        _round(m, n, e, d, t, h)
+        return
+    if m.vtol_mode:
+        m.vtol = True
+        hover(m, n, e, d, h)
+        reached = _distance(m, n, e) < _THERE and _speed(m) < _SLOW
+    else:
+        course = math.atan2(e - m.position[1], n - m.position[0])
+        _on_wing(m, bank_for(m, course, 0.0), d, cruise_speed(m), t, h)
+        reached = _distance(m, n, e) < m.WP_RADIUS
+    if reached:
+        tell_reached(m, row)
+        m.mission_current += 1
+
+
+@kernel
+def _land_at(m: Any, n: float, e: float, t: float, h: float) -> None:
+    """Flies to a place at the height at which it is now, and lands there."""
+    if m.guided_position[0] != n or m.guided_position[1] != e:
+        go_to(m, n, e, min(m.position[2], m.home[2] - m.Q_RTL_ALT))
+    if m.descending or _to(m, n, e, m.guided_position[2], t, h):
+        _land(m, n, e, t, h)
+
+
+@kernel
+def _guide(m: Any, t: float, h: float) -> None:
+    """Flies in GUIDED."""
+    n, e, d = m.guided_position[0], m.guided_position[1], m.guided_position[2]
+    if m.taking_off:
+        _vertical(m, h)
+    elif m.Q_GUIDED_MODE != 0:
+        _to(m, n, e, d, t, h)
+    elif m.vtol and n == m.seen[0] and e == m.seen[1]:
+        hover(m, n, e, d, h)  # after a vertical take-off
+    else:
+        _round(m, n, e, d, t, h)
+
+
+@kernel
+def _act(m: Any, t: float, h: float) -> None:
+    """Flies in the mode that it has."""
+    n, e, d = m.guided_position[0], m.guided_position[1], m.guided_position[2]
+    if m.mode == _GUIDED:
+        _guide(m, t, h)
+    elif m.mode == _AUTO:
+        _carry_out(m, t, h)
+    elif m.mode == _TAKEOFF and m.taking_off:
+        m.vtol, m.fast_since = False, 0.0
+        take_off(m, h)
+    elif m.mode == _QHOVER:
+        m.vtol = True
+        level(m, d, h)
+    elif m.mode == _QLOITER:
+        m.vtol = True
+        hover(m, n, e, d, h)
+    elif m.mode == _QLAND:
+        _land(m, n, e, t, h)
+    elif m.mode == _QRTL:
+        if m.descending or _to(m, n, e, d, t, h):
+            _land(m, n, e, t, h)
+    else:
+        _round(m, n, e, d, t, h)
+
+
+# ---- the model -----------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _rest(m: Any) -> None:
+    rest(m)
+    no_lift(m)
+
+
+@kernel
+def start(m: Any) -> int:
+    """Starts disarmed on the ground, in MANUAL."""
+    if m.airframe != Airframe.quadplane:
+        return _NO_AIRFRAME
+    if not 1 <= m.SYSID_THISMAV <= 255:
+        return _BAD_SYSID
+    if min(m.AIRSPEED_MIN, m.WP_LOITER_RAD, m.Q_P_POSXY_P, m.Q_P_POSZ_P, m.Q_TRANS_DECEL, m.Q_M_THST_EXPO) <= 0.0:
+        return _BAD_GAIN
+    m.kind = m.Q_MAV_TYPE if m.Q_MAV_TYPE != 0 else MAV_TYPE_FIXED_WING
+    m.on_ground = True
+    m.mission_count = 1
+    m.item_since = -1.0
+    m.fast_since = -1.0
+    m.still_since = -1.0
+    for i in range(3):
+        m.home[i] = m.position[i]
+    _rest(m)
+    start_streams(m)
+    hold_here(m)
+    return 0
+
+
+@kernel
+def advance(m: Any, t: float, h: float) -> int:
+    """Makes one step: inputs at t, commands for t + h."""
+    m.mavlink_tx_len = 0
+    if m.mavlink_rx_len > 0:
+        _receive(m, t)
+    if not m.armed:
+        for i in range(3):
+            m.home[i] = m.position[i]
+        m.rotated, m.elevator_trim, m.held_heading = False, 0.0, heading(m)
+    m.on_ground = not m.armed or (m.home[2] - m.position[2] < _FLYING_HEIGHT and _speed(m) < _FLYING_SPEED)
+    for i in range(3):
+        m.desired_velocity[i] = m.velocity[i]
+    if m.armed and m.on_ground and m.mode == _QRTL and not m.descending:
+        m.armed = False
+    launches = m.taking_off or m.descending or m.mode in (_AUTO, _QLAND)
+    if not m.armed or m.mode == _MANUAL or (m.on_ground and not launches):
+        _rest(m)
+    else:
+        _act(m, t, h)
+    if not m.armed:
+        _rest(m)
+        m.descending, m.taking_off = False, False
+    for i in range(3):
+        m.target[i] = m.guided_position[i]
+        m.desired_position[i] = m.guided_position[i]
+    if m.uploading:
+        continue_upload(m, t)
+    if m.listed >= 0:
+        _continue_list(m)
+    stream(m, t)
+    return 0
+
+
+class QuadplaneAutopilot(Model):
+    """Autopilot of fixed wings with lifting rotors, with ArduPlane's modes and MAVLink behaviour."""
+
+    step_size = 0.005
+    variables = VARIABLES
+    kernels = (start, advance)
+    errors: ClassVar = {
+        _NO_AIRFRAME: "it flies vehicles of the airframe quadplane; others need another autopilot",
+        _BAD_SYSID: "SYSID_THISMAV is not within 1 to 255",
+        _BAD_GAIN: "AIRSPEED_MIN, WP_LOITER_RAD, Q_P_POS*_P, Q_TRANS_DECEL and Q_M_THST_EXPO must be positive",
+    }

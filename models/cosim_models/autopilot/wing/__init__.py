@@ -1,0 +1,1 @@
+"""Flight of autopilots on wings, and on lifting rotors."""

@@ -1,0 +1,184 @@
+"""Flight on wings: bank, pitch, total energy and circles of the autopilots of fixed wings and quadplanes.
+
+Height and speed are controlled together: the throttle follows the sum of the errors of climb and acceleration (total
+energy), the pitch their difference (balance of energy). The course follows the vector field around the circle, which
+leads straight to its centre from afar. Bank and pitch have proportional loops with rate damping.
+
+Kernels over a record that has `wing_parameters` and `WING_MEMORY` beside the variables of `gcs.record`. They write the
+first four elements of `motor`: aileron, elevator, throttle, rudder.
+
+Sources: A. A. Lambregts, Vertical flight path and speed control autopilot design using total energy principles, AIAA
+83-2239; R. W. Beard, T. W. McLain, Small Unmanned Aircraft, Princeton 2012, chapter 10 (orbits).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from cosim import Memory, Variable
+from cosim.frames import euler_from_quaternion, wrap_pi
+from cosim.kernel import kernel
+from cosim_models.autopilot.gcs.record import angle, real
+from cosim_models.autopilot.gcs.targets import go_to
+
+__all__ = [
+    "WING_MEMORY",
+    "bank_for",
+    "circle",
+    "clip",
+    "cruise_speed",
+    "fly",
+    "launch",
+    "rest",
+    "servos",
+    "take_off",
+    "wing_parameters",
+]
+
+_GRAVITY = 9.80665
+_ROTATION = 0.7  # share of AIRSPEED_CRUISE at which it raises its nose
+
+_PARAMETERS = (
+    real("AIRSPEED_CRUISE", "m/s", 22.0, "speed of flight", 1.0),
+    real("AIRSPEED_MIN", "m/s", 18.0, "least speed that may be asked for", 1.0),
+    real("AIRSPEED_MAX", "m/s", 35.0, "greatest speed that may be asked for", 1.0),
+    real("WP_LOITER_RAD", "m", 80.0, "radius of circles, clockwise", 20.0),
+    real("WP_RADIUS", "m", 90.0, "distance at which a waypoint is reached", 1.0),
+    angle("ROLL_LIMIT_DEG", 45.0, "greatest bank"),
+    angle("PTCH_LIM_MAX_DEG", 20.0, "greatest pitch"),
+    angle("PTCH_LIM_MIN_DEG", 25.0, "greatest pitch, nose down; ArduPlane has it negative"),
+    real("TRIM_THROTTLE", "%", 40.0, "throttle of level flight"),
+    real("THR_MAX", "%", 75.0, "greatest throttle", 1.0),
+    real("TECS_CLMB_MAX", "m/s", 5.0, "greatest rate of climb", 0.1),
+    real("TECS_SINK_MAX", "m/s", 5.0, "greatest rate of descent", 0.1),
+    real("TKOFF_ALT", "m", 50.0, "height above home at which mode TAKEOFF ends", 1.0),
+    real("TKOFF_THR_MAX", "%", 40.0, "throttle of the take-off", 1.0),
+    angle("TKOFF_LVL_PITCH", 15.0, "pitch of the take-off"),
+    real("RTL_ALTITUDE", "m", 100.0, "height above home of the return", 0.0),
+)
+WING_MEMORY = (
+    Memory("throttle_trim"),  # integral of the total energy
+    Memory("pitch_trim"),  # rad, integral of the energy balance
+    Memory("elevator_trim"),
+    Memory("speed_before"),  # m/s
+    Memory("acceleration"),  # m/s2, filtered
+    Memory("runway"),  # rad, course of the take-off
+    Memory("rotated", dtype="?"),
+)
+
+
+def wing_parameters(**start: float) -> tuple[Variable, ...]:
+    """Returns the parameters of flight on wings, those of the Aerosonde except for the start values given by name.
+
+    Raises:
+        KeyError: there is no parameter of a name.
+    """
+    for name in start.keys() - {v.name for v in _PARAMETERS}:
+        raise KeyError(name)
+    return tuple(replace(v, start=start[v.name]) if v.name in start else v for v in _PARAMETERS)
+
+
+@kernel
+def rest(m: Any) -> None:
+    m.motor[0], m.motor[1], m.motor[2], m.motor[3] = 0.5, 0.5, 0.0, 0.5
+
+
+@kernel
+def launch(m: Any, down: float) -> None:
+    """Begins the take-off along the present heading, up to a down coordinate."""
+    go_to(m, m.position[0], m.position[1], down)
+    m.taking_off = True
+    m.runway = euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))[2]
+
+
+@kernel
+def clip(value: float, least: float, most: float) -> float:
+    return min(max(value, least), most)
+
+
+@kernel
+def servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None:
+    """Commands the deflections for a bank and a pitch [rad], and the throttle."""
+    roll, nose, _ = euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+    p, q, r = float(m.angular_velocity[0]), float(m.angular_velocity[1]), float(m.angular_velocity[2])
+    speed = max(math.sqrt(m.velocity[0] ** 2 + m.velocity[1] ** 2 + m.velocity[2] ** 2), 5.0)
+    turn = _GRAVITY * math.tan(clip(roll, -1.0, 1.0)) / speed  # rad/s of a level turn
+    aileron = 1.0 * wrap_pi(bank - roll) - 0.15 * p
+    m.elevator_trim = clip(m.elevator_trim + 0.8 * (pitch - nose) * h, -1.0, 1.0)
+    elevator = m.elevator_trim + 2.0 * (pitch - nose) - 0.35 * (q - turn * math.sin(roll))
+    rudder = 0.3 * (turn * math.cos(roll) - r)
+    m.motor[0] = 0.5 + 0.5 * clip(aileron, -1.0, 1.0)
+    m.motor[1] = 0.5 + 0.5 * clip(elevator, -1.0, 1.0)
+    m.motor[2] = clip(throttle, 0.0, 1.0)
+    m.motor[3] = 0.5 + 0.5 * clip(rudder, -1.0, 1.0)
+
+
+@kernel
+def _energy(m: Any, climb: float, wanted: float, h: float) -> tuple[float, float]:
+    """Returns pitch [rad] and throttle for a rate of climb and a speed [m/s]."""
+    speed = max(math.sqrt(m.velocity[0] ** 2 + m.velocity[1] ** 2 + m.velocity[2] ** 2), 5.0)
+    m.acceleration += clip(h / 0.5, 0.0, 1.0) * ((speed - m.speed_before) / h - m.acceleration)
+    m.speed_before = speed
+    path = -m.velocity[2] / speed
+    path_error = climb / speed - path
+    gain_error = clip(0.5 * (wanted - speed), -2.0, 2.0) / _GRAVITY - m.acceleration / _GRAVITY
+    total, balance = path_error + gain_error, path_error - gain_error
+    top = 0.01 * m.THR_MAX
+    throttle = 0.01 * m.TRIM_THROTTLE + m.throttle_trim + 0.5 * total
+    if 0.0 < throttle < top or (throttle >= top) != (total > 0.0):
+        m.throttle_trim += 0.15 * total * h
+    m.pitch_trim = clip(m.pitch_trim + 0.3 * balance * h, -0.2, 0.3)
+    pitch = climb / speed + m.pitch_trim + 0.4 * balance
+    least, most = -math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG)
+    return clip(pitch, least, most), clip(throttle, 0.0, top)
+
+
+@kernel
+def bank_for(m: Any, course: float, turning: float) -> float:
+    """Returns the bank [rad] that turns to a course, beside the rate of turn of a circle [rad/s]."""
+    speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
+    error = wrap_pi(course - math.atan2(m.velocity[1], m.velocity[0]))
+    most = math.radians(m.ROLL_LIMIT_DEG)
+    return clip(math.atan(speed / _GRAVITY * (0.7 * error + turning)), -most, most)
+
+
+@kernel
+def circle(m: Any, n: float, e: float) -> float:
+    """Returns the bank [rad] that leads onto the circle around a place, clockwise, and along it."""
+    radius = float(m.WP_LOITER_RAD)
+    dn, de = m.position[0] - n, m.position[1] - e
+    distance = math.sqrt(dn * dn + de * de)
+    miss = (distance - radius) / radius
+    course = math.atan2(de, dn) + 0.5 * math.pi + math.atan(2.0 * miss)
+    speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
+    return bank_for(m, course, speed / radius / (1.0 + 4.0 * miss * miss))
+
+
+@kernel
+def cruise_speed(m: Any) -> float:
+    """Returns the speed of flight [m/s]: that of DO_CHANGE_SPEED, or AIRSPEED_CRUISE."""
+    return float(m.cruise if m.cruise > 0.0 else m.AIRSPEED_CRUISE)
+
+
+@kernel
+def fly(m: Any, bank: float, down: float, speed: float, h: float) -> None:
+    """Flies with a bank and a speed [m/s] towards a down coordinate."""
+    climb = clip(0.3 * (m.position[2] - down), -m.TECS_SINK_MAX, m.TECS_CLMB_MAX)
+    pitch, throttle = _energy(m, climb, speed, h)
+    servos(m, bank, pitch, throttle, h)
+
+
+@kernel
+def take_off(m: Any, h: float) -> None:
+    """Accelerates along the runway, rotates and climbs straight ahead up to the target's height."""
+    speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
+    m.rotated = m.rotated or speed > _ROTATION * m.AIRSPEED_CRUISE
+    bank = bank_for(m, m.runway, 0.0) if m.rotated else 0.0
+    pitch = math.radians(m.TKOFF_LVL_PITCH) if m.rotated else 0.0
+    servos(m, clip(bank, -0.3, 0.3), pitch, 0.01 * m.TKOFF_THR_MAX, h)
+    if m.position[2] <= m.guided_position[2] + 0.5 * m.TECS_CLMB_MAX:
+        m.taking_off = False
+        m.speed_before = speed
+        m.acceleration = 0.0

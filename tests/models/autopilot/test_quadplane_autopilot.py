@@ -1,0 +1,144 @@
+"""The quadplane: vertical take-offs and landings, hovering at places, and the wing over longer distances."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from cosim_models.autopilot.quadplane_autopilot import QuadplaneAutopilot
+from cosim_models.vehicles.quadplane import Quadplane
+from tests.models.autopilot.test_small_autopilots import ARM, SET_MODE, SPEED, TAKEOFF, WAYPOINT, upload
+from tests.models.pair import ACCEPTED, DENIED, FAILED, Pair
+
+GUIDED, AUTO, QHOVER, QLOITER, QLAND, QRTL = 15, 10, 18, 19, 20, 21
+TRANSITION, VTOL_TAKEOFF, VTOL_LAND = (
+    mavlink.MAV_CMD_DO_VTOL_TRANSITION,
+    mavlink.MAV_CMD_NAV_VTOL_TAKEOFF,
+    mavlink.MAV_CMD_NAV_VTOL_LAND,
+)
+
+
+def started(**more: Any) -> Pair:
+    """Armed in GUIDED."""
+    p = Pair(Quadplane, QuadplaneAutopilot, **more)
+    p.until(2.5)
+    assert p.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == FAILED
+    assert p.ask(SET_MODE, 1, GUIDED) == ACCEPTED
+    assert p.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == FAILED  # not armed
+    assert p.ask(ARM, 1) == ACCEPTED
+    return p
+
+
+def hovering(**more: Any) -> Pair:
+    p = started(**more)
+    assert p.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == ACCEPTED
+    p.until(16.0)
+    assert p.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == FAILED  # it flies
+    return p
+
+
+def farthest(p: Pair, seconds: float) -> tuple[float, float, float, float]:
+    """Lowest and highest height, greatest speed, and least of the lifting motors' greatest command meanwhile."""
+    end, found = p.time + seconds, (math.inf, 0.0, 0.0, math.inf)
+    while p.time < end:
+        p.one_step()
+        up, fast = -p.place[2], math.hypot(*p.v.velocity[:2])
+        found = min(found[0], up), max(found[1], up), max(found[2], fast), min(found[3], float(p.v.motor[4:].max()))
+    return found
+
+
+def test_it_takes_off_vertically_and_moves_on_its_rotors_to_a_place_near_by() -> None:
+    p = hovering()
+    assert p.place == pytest.approx([0.0, 0.0, -10.0], abs=0.3)
+    assert p.reposition(0.0, 20.0, 10.0) == ACCEPTED
+    lowest, highest, fastest, least = farthest(p, 16.0)
+    assert p.place == pytest.approx([0.0, 20.0, -10.0], abs=0.15)
+    assert lowest > 9.0 and highest < 11.0 and fastest < 5.5 and least > 0.15
+    assert p.ask(SET_MODE, 1, QLAND) == ACCEPTED
+    while p.m.armed:
+        p.one_step()
+        assert p.time < 60.0
+    assert p.place == pytest.approx([0.0, 20.0, 0.0], abs=0.3)
+    assert not p.m.motor[4:].any()
+
+
+def test_it_holds_its_place_in_wind() -> None:
+    p = hovering(wind=(-4.0, 1.0, 0.0))
+    assert p.ask(SET_MODE, 1, QLOITER) == ACCEPTED
+    p.until(26.0)
+    place = p.place
+    p.until(36.0)
+    assert math.dist(p.place, place) < 0.3
+    assert p.ask(SET_MODE, 1, QHOVER) == ACCEPTED  # keeps its height, and lets itself be blown away
+    p.until(44.0)
+    assert math.dist(p.place[:2], place[:2]) > 2.0
+    assert -p.place[2] == pytest.approx(10.0, abs=0.5)
+
+
+def test_it_flies_to_a_distant_place_on_its_wing_hovers_there_and_returns() -> None:
+    p = hovering()
+    assert p.reposition(300.0, -80.0, 25.0) == ACCEPTED
+    _, highest, fastest, least = farthest(p, 55.0)
+    assert least == 0.0  # the wing carries it alone
+    assert 12.0 < fastest < 17.0 and highest < 30.0
+    assert p.place == pytest.approx([300.0, -80.0, -25.0], abs=0.3)
+    assert p.ask(SET_MODE, 1, QRTL) == ACCEPTED
+    while p.m.armed:
+        p.one_step()
+        assert p.time < 180.0
+    assert p.place == pytest.approx([0.0, 0.0, 0.0], abs=0.3)
+
+
+def test_it_flies_a_mission_that_begins_and_ends_vertically() -> None:
+    p = started()
+    assert p.ask(TRANSITION, 3) == FAILED  # only in AUTO
+    mission = [
+        (VTOL_TAKEOFF, 0.0, 0.0, 15.0, (0.0, 0.0)),
+        (WAYPOINT, 250.0, 0.0, 25.0, (0.0, 0.0)),
+        (VTOL_LAND, 120.0, 60.0, 0.0, (0.0, 0.0)),
+    ]
+    assert upload(p, mission) == mavlink.MAV_MISSION_ACCEPTED
+    assert p.ask(SET_MODE, 1, AUTO) == ACCEPTED
+    assert p.ask(TRANSITION, 7) == FAILED
+    p.heard.clear()
+    while p.m.armed:
+        p.one_step()
+        assert p.time < 160.0
+    assert [m.seq for m in p.heard if m.get_type() == "MISSION_ITEM_REACHED"] == [1, 2]
+    assert p.place == pytest.approx([120.0, 60.0, 0.0], abs=0.5)
+
+
+def test_in_auto_it_flies_on_its_rotors_if_it_is_told_so() -> None:
+    p = hovering()
+    assert upload(p, [(WAYPOINT, 95.0, 0.0, 10.0, (0.0, 0.0)), (WAYPOINT, 95.0, 250.0, 10.0, (0.0, 0.0))]) == 0
+    assert p.ask(SET_MODE, 1, AUTO) == ACCEPTED
+    assert p.ask(TRANSITION, 3) == ACCEPTED
+    p.heard.clear()
+    _, _, fastest, least = farthest(p, 28.0)
+    assert [m.seq for m in p.heard if m.get_type() == "MISSION_ITEM_REACHED"] == [1]
+    assert fastest < 5.5 and least > 0.15
+    assert p.ask(TRANSITION, 4) == ACCEPTED
+    assert farthest(p, 14.0)[3] == 0.0
+
+
+def test_without_guided_mode_it_circles_its_target_as_a_fixed_wing_does() -> None:
+    p = hovering(pilot={"Q_GUIDED_MODE": 0, "Q_MAV_TYPE": 0})
+    assert p.last("HEARTBEAT").type == mavlink.MAV_TYPE_FIXED_WING
+    assert p.reposition(100.0, 0.0, 30.0) == ACCEPTED
+    p.until(70.0)
+    for _ in range(10):
+        p.until(p.time + 1.0)
+        assert math.dist(p.place[:2], (100.0, 0.0)) == pytest.approx(80.0, abs=4.0)
+        assert -p.place[2] == pytest.approx(30.0, abs=1.5)
+    assert p.ask(SPEED, 0, 18.0) == ACCEPTED
+    assert p.ask(SPEED, 0, 9.0) == DENIED
+
+
+def test_it_takes_off_on_its_wheels_in_mode_takeoff() -> None:
+    p = started()
+    assert p.ask(SET_MODE, 1, 13) == ACCEPTED
+    assert farthest(p, 16.0)[3] == 0.0
+    assert -p.place[2] > 20.0
