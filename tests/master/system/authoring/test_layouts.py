@@ -32,11 +32,11 @@ def test_a_ring_is_a_regular_polygon_around_the_origin(drones: int) -> None:
 
 
 def test_geese_fly_north_in_a_right_angle() -> None:
-    leader, east, west, *further = plane(laid_out("v", 7, 10.0))
+    leader, west, east, *further = plane(laid_out("v", 7, 10.0))
     step = 10.0 / math.sqrt(2.0)
     assert leader == (0.0, 0.0)
     assert east == pytest.approx((-step, step)) and west == pytest.approx((-step, -step))
-    assert further[2] == pytest.approx((-3 * step, 3 * step)) and further[3] == pytest.approx((-3 * step, -3 * step))
+    assert further[2] == pytest.approx((-3 * step, -3 * step)) and further[3] == pytest.approx((-3 * step, 3 * step))
 
 
 @pytest.mark.parametrize("drones", [1, 2, 60])

@@ -56,13 +56,13 @@ def _ring(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
 
 
 def _v(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
-    """Returns positions in a V that points north: the first at the origin, the others to its south-east and south-west.
+    """Returns positions in a V that points north: the first at the origin, the others to its south-west and south-east.
 
-    The wings are at a right angle.
+    The wings are at a right angle. This is the V of the law `FormationFlight`.
     """
     step = spacing * math.sqrt(0.5)
     ranks = [(i + 1) // 2 for i in range(drones)]
-    return [(-step * rank, step * rank * (1 if i % 2 else -1) if i else 0.0) for i, rank in enumerate(ranks)]
+    return [(-step * rank, step * rank * (-1 if i % 2 else 1) if i else 0.0) for i, rank in enumerate(ranks)]
 
 
 def _random(drones: int, spacing: float, seed: int) -> list[tuple[float, float]]:
