@@ -4,12 +4,7 @@ It takes off and lands vertically, hovers at places, and flies on its wing over 
 Q_GUIDED_MODE 1, a new target farther away than WP_LOITER_RAD is flown to on the wing, a nearer one on the rotors, and
 the vehicle hovers at it; with 0, it circles its target as a fixed wing. NAV_TAKEOFF in GUIDED, and the missions'
 take-offs, are vertical; VTOL_LAND, QLAND and QRTL land vertically. QHOVER keeps level, QLOITER its place. All other
-modes and answers are those of `PlaneAutopilot`.
-
-From the rotors to the wing: the propeller accelerates the vehicle, which the rotors hold level at its height, up to
-AIRSPEED_MIN; then, within Q_TRANSITION_MS, the wing takes over. Back: near its place it slows down to AIRSPEED_MIN, and
-from a distance of v2 / (2 Q_TRANS_DECEL) on the rotors carry it. On the wing, they come to its help below 3/4 of
-AIRSPEED_MIN.
+modes and answers are those of `PlaneAutopilot`. `wing.transition` describes the ways between rotors and wing.
 
 Differences from ArduPlane: those of `PlaneAutopilot`; Q_GUIDED_MODE and Q_MAV_TYPE are 0 there; there is no pilot, so
 that QSTABILIZE and QACRO are refused; no assistance by angle, no weathervaning but that by the fin, no tilting rotors.
@@ -54,17 +49,26 @@ from cosim_models.autopilot.gcs.targets import go_to, hold_here, is_place, locat
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
-    circle,
-    clip,
     cruise_speed,
-    fly,
     launch,
     rest,
-    servos,
     take_off,
     wing_parameters,
 )
-from cosim_models.autopilot.wing.hover import HOVER_MEMORY, HOVER_PARAMETERS, hover, level, lift_off, no_lift, sink
+from cosim_models.autopilot.wing.hover import HOVER_MEMORY, HOVER_PARAMETERS, hover, level, no_lift, sink
+from cosim_models.autopilot.wing.transition import (
+    SLOW,
+    THERE,
+    TRANSITION_MEMORY,
+    TRANSITION_PARAMETERS,
+    distance_to,
+    go_round,
+    note_target,
+    on_wing,
+    speed_of,
+    travel,
+    vtol_state,
+)
 
 __all__ = ["QuadplaneAutopilot"]
 
@@ -86,15 +90,11 @@ class QuadplaneMode(IntEnum):
 
 
 _MANUAL, _CIRCLE, _AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED, _QHOVER, _QLOITER, _QLAND, _QRTL = map(int, QuadplaneMode)
-_GRAVITY = 9.80665
 _ONLY_HEIGHT, _NO_HEIGHT = 0x0003, 0x0004  # POSITION_TARGET_TYPEMASK: no latitude and longitude; no height
 _FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of them it is in the air
-_APPROACH = 250.0  # m from its place, from which on it flies at AIRSPEED_MIN
-_THERE, _SLOW = 2.0, 1.0  # m and m/s: it is at its place
 _CLIMBED = 0.5  # m below the end of a vertical take-off
 _LANDED_SPEED, _LANDED_TIME = 0.1, 1.0  # m/s and s: slower than commanded for so long is landed
 _STATE_MC, _STATE_FW = 3, 4  # MAV_VTOL_STATE
-_GENTLE = 0.25  # rad, greatest bank while the rotors carry it
 _FLOWN = (
     MAV_CMD_NAV_WAYPOINT,
     MAV_CMD_NAV_LOITER_UNLIM,
@@ -118,20 +118,17 @@ VARIABLES = pilot_variables(
             TKOFF_THR_MAX=100.0,
         ),
         *HOVER_PARAMETERS,
+        *TRANSITION_PARAMETERS,
         whole("Q_GUIDED_MODE", 1, "1: hovers at the targets of GUIDED; 0: circles them"),
         whole("Q_MAV_TYPE", MAV_TYPE_VTOL_QUADROTOR, "MAV_TYPE in the heartbeat; 0: fixed wing"),
-        real("Q_TRANSITION_MS", "ms", 5000.0, "time within which the wing takes over from the rotors", 1.0),
         real("Q_RTL_ALT", "m", 15.0, "height above home from which QRTL descends", 1.0),
     ),
     (
         *MISSION,
         *WING_MEMORY,
         *HOVER_MEMORY,
-        Memory("vtol", dtype="?"),  # the rotors carry it
+        *TRANSITION_MEMORY,
         Memory("vtol_mode", dtype="?"),  # of waypoints, by DO_VTOL_TRANSITION
-        Memory("seen", shape=2),  # m: the last target, north and east
-        Memory("fast_since"),  # s: since when the wing takes over; -1: not yet
-        Memory("lift_before"),  # mean thrust of the rotors by then
         Memory("still_since"),  # s: since when a descent does not move it; -1: it does
         Memory("descending", dtype="?"),
     ),
@@ -163,7 +160,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     m.taking_off = False
     m.vtol_mode, m.descending = False, False
     hold_here(m)
-    _note_target(m)
+    note_target(m)
     if mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
     elif mode == _RTL:
@@ -191,7 +188,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
 def _rise(m: Any, down: float) -> None:
     """Begins a vertical take-off, up to a down coordinate."""
     go_to(m, m.position[0], m.position[1], down)
-    _note_target(m)
+    note_target(m)
     m.taking_off = True
     m.vtol = True
 
@@ -242,75 +239,6 @@ _receive = receiver(firmware(_GUIDED, _RTL, _change_mode, _arm, _command, _hear,
 
 
 @kernel
-def _speed(m: Any) -> float:
-    """Returns the horizontal speed [m/s]."""
-    return math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
-
-
-@kernel
-def _distance(m: Any, n: float, e: float) -> float:
-    """Returns the horizontal distance [m] of a place."""
-    return math.sqrt((n - m.position[0]) ** 2 + (e - m.position[1]) ** 2)
-
-
-@kernel
-def _note_target(m: Any) -> None:
-    m.seen[0], m.seen[1] = m.guided_position[0], m.guided_position[1]
-
-
-@kernel
-def _on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float) -> None:
-    """Flies with a bank and a speed on the wing, or gets there."""
-    speed = _speed(m)
-    if m.vtol or (m.fast_since >= 0.0 and speed < 0.75 * m.AIRSPEED_MIN):
-        m.vtol = False
-        m.fast_since = -1.0
-    gentle = clip(bank, -_GENTLE, _GENTLE) if speed > _FLYING_SPEED else 0.0
-    turn = _GRAVITY * math.tan(gentle) / max(speed, m.AIRSPEED_MIN)
-    if m.fast_since < 0.0:
-        servos(m, gentle, 0.0, 0.01 * m.THR_MAX, h)
-        lift_off(m, gentle, turn, down, 1.0, h)
-        if speed >= m.AIRSPEED_MIN:
-            m.fast_since, m.lift_before = t, m.lift
-            m.speed_before, m.acceleration, m.throttle_trim = speed, 0.0, 0.0
-        return
-    left = 1.0 - 1000.0 * (t - m.fast_since) / m.Q_TRANSITION_MS
-    if left <= 0.0:
-        fly(m, bank, down, wanted, h)
-        no_lift(m)
-        return
-    fly(m, gentle, down, wanted, h)
-    m.lift = left * m.lift_before
-    lift_off(m, gentle, turn, down, left, h)
-
-
-@kernel
-def _to(m: Any, n: float, e: float, d: float, t: float, h: float) -> bool:
-    """Flies to a place, on the wing from afar and on the rotors at its end; returns whether it hovers there."""
-    distance, speed = _distance(m, n, e), _speed(m)
-    if n != m.seen[0] or e != m.seen[1]:
-        m.seen[0], m.seen[1] = n, e
-        if m.vtol and distance > m.WP_LOITER_RAD:
-            m.vtol = False
-            m.fast_since = -1.0
-    if not m.vtol and distance < 0.5 * speed * speed / m.Q_TRANS_DECEL:
-        m.vtol = True
-        m.lift_trim = 0.0
-    if m.vtol:
-        hover(m, n, e, d, h)
-        return distance < _THERE and speed < _SLOW
-    course = math.atan2(e - m.position[1], n - m.position[0])
-    _on_wing(m, bank_for(m, course, 0.0), d, m.AIRSPEED_MIN if distance < _APPROACH else cruise_speed(m), t, h)
-    return False
-
-
-@kernel
-def _round(m: Any, n: float, e: float, d: float, t: float, h: float) -> None:
-    """Circles a place on the wing."""
-    _on_wing(m, circle(m, n, e), d, cruise_speed(m), t, h)
-
-
-@kernel
 def _land(m: Any, n: float, e: float, t: float, h: float) -> None:
     """Descends at a place, and disarms on the ground."""
     m.vtol = True
@@ -339,7 +267,7 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     row = m.mission_current
     if m.mission_done or row >= m.mission_count:
         m.mission_done = True
-        _round(m, m.guided_position[0], m.guided_position[1], m.guided_position[2], t, h)
+        go_round(m, m.guided_position[0], m.guided_position[1], m.guided_position[2], t, h)
         return
     command = int(m.mission[row, COMMAND])
     if command in (MAV_CMD_NAV_TAKEOFF, MAV_CMD_NAV_VTOL_TAKEOFF):
@@ -360,16 +288,16 @@ def _carry_out(m: Any, t: float, h: float) -> None:
         return
     go_to(m, n, e, d)
     if command != MAV_CMD_NAV_WAYPOINT:
-        _round(m, n, e, d, t, h)
+        go_round(m, n, e, d, t, h)
         return
     if m.vtol_mode:
         m.vtol = True
         hover(m, n, e, d, h)
-        reached = _distance(m, n, e) < _THERE and _speed(m) < _SLOW
+        reached = distance_to(m, n, e) < THERE and speed_of(m) < SLOW
     else:
         course = math.atan2(e - m.position[1], n - m.position[0])
-        _on_wing(m, bank_for(m, course, 0.0), d, cruise_speed(m), t, h)
-        reached = _distance(m, n, e) < m.WP_RADIUS
+        on_wing(m, bank_for(m, course, 0.0), d, cruise_speed(m), t, h)
+        reached = distance_to(m, n, e) < m.WP_RADIUS
     if reached:
         tell_reached(m, row)
         m.mission_current += 1
@@ -380,7 +308,7 @@ def _land_at(m: Any, n: float, e: float, t: float, h: float) -> None:
     """Flies to a place at the height at which it is now, and lands there."""
     if m.guided_position[0] != n or m.guided_position[1] != e:
         go_to(m, n, e, min(m.position[2], m.home[2] - m.Q_RTL_ALT))
-    if m.descending or _to(m, n, e, m.guided_position[2], t, h):
+    if m.descending or travel(m, n, e, m.guided_position[2], t, h):
         _land(m, n, e, t, h)
 
 
@@ -391,11 +319,11 @@ def _guide(m: Any, t: float, h: float) -> None:
     if m.taking_off:
         _vertical(m, h)
     elif m.Q_GUIDED_MODE != 0:
-        _to(m, n, e, d, t, h)
+        travel(m, n, e, d, t, h)
     elif m.vtol and n == m.seen[0] and e == m.seen[1]:
         hover(m, n, e, d, h)  # after a vertical take-off
     else:
-        _round(m, n, e, d, t, h)
+        go_round(m, n, e, d, t, h)
 
 
 @kernel
@@ -418,10 +346,10 @@ def _act(m: Any, t: float, h: float) -> None:
     elif m.mode == _QLAND:
         _land(m, n, e, t, h)
     elif m.mode == _QRTL:
-        if m.descending or _to(m, n, e, d, t, h):
+        if m.descending or travel(m, n, e, d, t, h):
             _land(m, n, e, t, h)
     else:
-        _round(m, n, e, d, t, h)
+        go_round(m, n, e, d, t, h)
 
 
 # ---- the model -----------------------------------------------------------------------------------------------------
@@ -448,6 +376,7 @@ def start(m: Any) -> int:
     m.item_since = -1.0
     m.fast_since = -1.0
     m.still_since = -1.0
+    m.vtol, m.vtol_state = True, _STATE_MC
     for i in range(3):
         m.home[i] = m.position[i]
     _rest(m)
@@ -466,7 +395,7 @@ def advance(m: Any, t: float, h: float) -> int:
         for i in range(3):
             m.home[i] = m.position[i]
         m.rotated, m.elevator_trim, m.held_heading = False, 0.0, heading(m)
-    m.on_ground = not m.armed or (m.home[2] - m.position[2] < _FLYING_HEIGHT and _speed(m) < _FLYING_SPEED)
+    m.on_ground = not m.armed or (m.home[2] - m.position[2] < _FLYING_HEIGHT and speed_of(m) < _FLYING_SPEED)
     for i in range(3):
         m.desired_velocity[i] = m.velocity[i]
     if m.armed and m.on_ground and m.mode == _QRTL and not m.descending:
@@ -479,6 +408,7 @@ def advance(m: Any, t: float, h: float) -> int:
     if not m.armed:
         _rest(m)
         m.descending, m.taking_off = False, False
+    m.vtol_state = vtol_state(m, t)
     for i in range(3):
         m.target[i] = m.guided_position[i]
         m.desired_position[i] = m.guided_position[i]

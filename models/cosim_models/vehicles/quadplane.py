@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 
 from cosim import Model, Output, Parameter
 from cosim.kernel import kernel
-from cosim.model import Variable
+from cosim.model import Start, Variable
 from cosim.vehicle import THRUST_FACTOR, Airframe, outputs_of
 from cosim_models.vehicles.dynamics.rigid_body import Vector
 from cosim_models.vehicles.dynamics.rotor import decay, lagged, rotor_force, rotor_moment, thrust_command
@@ -87,7 +87,7 @@ def _check(m: Any) -> int:
     return 0
 
 
-_BODY = {
+_BODY: dict[str, Start] = {
     "mass": 3.0,
     "inertia": (1.0, 1.0, 1.0),
     "inertia_xz": 0.0,

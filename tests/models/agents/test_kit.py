@@ -384,6 +384,37 @@ def test_two_laws_over_one_record_do_not_share_machine_code() -> None:
     assert [decision(law)(m, 0.0) for law in (one, two)] == [1, 2]
 
 
+def test_a_quadplane_takes_off_as_a_copter_and_moves_and_lands_as_arduplane_has_it() -> None:
+    """Commands in GUIDED (15) of ArduPlane; a velocity is the place of 2 s later; QLAND (20) at the end."""
+    agent, pilot = Agent(land_time=3.0, speed=3.0, returns=VELOCITY), Node(1)
+    vtol = mavlink.MAV_TYPE_VTOL_QUADROTOR
+    state: dict[str, Any] = {"armed": False, "mode": 0, "up": 0.0}
+    asked: list[Any] = []
+    packets = [pilot.heartbeat(kind=vtol)]
+    while agent.t < 3.5:
+        sent = agent.step(*packets)
+        asked += sent
+        packets = []
+        for one in sent:
+            assert one.get_type() in ("COMMAND_LONG", "COMMAND_INT")
+            packets.append(pilot.ack(one.command))
+            if one.command == mavlink.MAV_CMD_DO_SET_MODE:
+                state["mode"] = int(one.param2)
+            state["armed"] = state["armed"] or one.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+            if one.command == mavlink.MAV_CMD_NAV_TAKEOFF:
+                state["up"] = 10.0
+        packets += [pilot.heartbeat(armed=state["armed"], mode=state["mode"], kind=vtol), pilot.estimate()]
+        packets.append(pilot.position(0.0, 0.0, state["up"]))
+    modes = [int(one.param2) for one in asked if one.command == mavlink.MAV_CMD_DO_SET_MODE]
+    assert modes[0] == 15 and set(modes[1:]) == {20}
+    assert [one.param7 for one in asked if one.command == mavlink.MAV_CMD_NAV_TAKEOFF] == [10.0]
+    moves = [one for one in asked if one.command == mavlink.MAV_CMD_DO_REPOSITION]
+    assert len(moves) > 5
+    north = (1e-7 * moves[0].x - LATITUDE) * METRES_PER_DEGREE
+    east = (1e-7 * moves[0].y - LONGITUDE) * METRES_PER_DEGREE * math.cos(math.radians(LATITUDE))
+    assert (north, east) == pytest.approx((7.0 + 2.0 * 1.8, 2.0 * 2.4), abs=0.05)  # 7 m are those of the law
+
+
 # ---- own messages ------------------------------------------------------------------------------------------------
 
 

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_models.autopilot.quadplane_autopilot import QuadplaneAutopilot
 from cosim_models.vehicles.quadplane import Quadplane
-from tests.models.autopilot.test_small_autopilots import ARM, SET_MODE, SPEED, TAKEOFF, WAYPOINT, upload
+from tests.models.autopilot.test_small_autopilots import ARM, REQUEST, SET_MODE, SPEED, TAKEOFF, WAYPOINT, upload
 from tests.models.pair import ACCEPTED, DENIED, FAILED, Pair
 
 GUIDED, AUTO, QHOVER, QLOITER, QLAND, QRTL = 15, 10, 18, 19, 20, 21
@@ -50,6 +50,12 @@ def farthest(p: Pair, seconds: float) -> tuple[float, float, float, float]:
     return found
 
 
+def state(p: Pair) -> int:
+    """MAV_VTOL_STATE of EXTENDED_SYS_STATE."""
+    assert p.ask(REQUEST, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE) == ACCEPTED
+    return int(p.last("EXTENDED_SYS_STATE").vtol_state)
+
+
 def test_it_takes_off_vertically_and_moves_on_its_rotors_to_a_place_near_by() -> None:
     p = hovering()
     assert p.place == pytest.approx([0.0, 0.0, -10.0], abs=0.3)
@@ -80,8 +86,14 @@ def test_it_holds_its_place_in_wind() -> None:
 
 def test_it_flies_to_a_distant_place_on_its_wing_hovers_there_and_returns() -> None:
     p = hovering()
+    assert state(p) == mavlink.MAV_VTOL_STATE_MC
     assert p.reposition(300.0, -80.0, 25.0) == ACCEPTED
-    _, highest, fastest, least = farthest(p, 55.0)
+    p.until(18.0)
+    assert state(p) == mavlink.MAV_VTOL_STATE_TRANSITION_TO_FW
+    p.until(30.0)
+    assert state(p) == mavlink.MAV_VTOL_STATE_FW
+    _, highest, fastest, least = farthest(p, 41.0)
+    assert state(p) == mavlink.MAV_VTOL_STATE_MC
     assert least == 0.0  # the wing carries it alone
     assert 12.0 < fastest < 17.0 and highest < 30.0
     assert p.place == pytest.approx([300.0, -80.0, -25.0], abs=0.3)

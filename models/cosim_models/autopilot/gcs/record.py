@@ -106,6 +106,7 @@ _MEMORY = (
     Memory("taking_off", dtype="?"),
     Memory("autonomous", dtype="?"),  # the mode is not flown by a pilot
     Memory("kind", dtype="i4"),  # MAV_TYPE
+    Memory("vtol_state", dtype="i4"),  # MAV_VTOL_STATE
     Memory("next_due"),  # s, of the earliest stream
     Memory("told_armed", dtype="?"),
     Memory("told_mode", dtype="i4"),

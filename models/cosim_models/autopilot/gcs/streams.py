@@ -131,7 +131,7 @@ def _send_state(m: Any, row: int, t: float) -> bool:
         encode_ekf_status_report(m.payload, _EKF_GOOD if ready(m, t) else _EKF_CONSTANT, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     elif message == EXTENDED_SYS_STATE:
         landed = 0 if surface else 1 if m.on_ground else 3 if m.taking_off else 2
-        encode_extended_sys_state(m.payload, 0, landed)
+        encode_extended_sys_state(m.payload, m.vtol_state, landed)
     elif message == AUTOPILOT_VERSION:
         clear(m.payload, 0, 78)
         encode_autopilot_version(m.payload, _CAPABILITIES, _SOFTWARE, 0, 0, 0, 0, 0, m.SYSID_THISMAV)

@@ -127,7 +127,7 @@ def _climb_to(m: Any, d: float) -> float:
     """Returns the rate of climb [m/s] towards a down coordinate."""
     error = m.position[2] - d
     speed = square_root_speed(abs(error), m.Q_P_POSZ_P, 0.5 * _LIFT)
-    return min(speed, 0.01 * m.Q_WP_SPEED_UP) if error > 0.0 else -min(speed, 0.01 * m.Q_WP_SPEED_DN)
+    return float(min(speed, 0.01 * m.Q_WP_SPEED_UP) if error > 0.0 else -min(speed, 0.01 * m.Q_WP_SPEED_DN))
 
 
 @kernel
