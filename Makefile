@@ -52,7 +52,7 @@ $(VENV)/installed: $(VENV)/bin/python pyproject.toml
 	touch $@
 
 $(VENV)/tested: $(VENV)/bin/python pyproject.toml
-	$(PIP) -e '.[build,export,film,live,mpi,plot,rerun,ros2,sweep,docs,test,clients]'
+	$(PIP) -e '.[build,export,film,helics,live,mpi,plot,rerun,ros2,sweep,docs,test,clients]'
 	touch $(VENV)/installed $@
 
 docs: $(VENV)/tested

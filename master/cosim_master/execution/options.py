@@ -72,6 +72,9 @@ class RunOptions:
     ports: str | None = None
     replay: Path | None = None
     assignment: Path | None = None
+    helics: str | None = None
+    helics_publish: Sequence[str] = ()
+    helics_subscribe: Sequence[str] = ()
 
 
 def _ignore(_: Any) -> None:

@@ -25,6 +25,7 @@ from cosim_master.diagnostics.errors import (
     Where,
 )
 from cosim_master.execution.execution import Execution
+from cosim_master.execution.federation import Federation
 from cosim_master.execution.outcome.manifest import digest_of_system
 from cosim_master.execution.outcome.result import Outcome, Overruns, RunResult
 from cosim_master.execution.preparation.prepare import Prepared
@@ -269,6 +270,7 @@ def run(
     control: Control | None = None,
     interrupted: Callable[[], bool] = lambda: False,
     checkpoints: Checkpoints | None = None,
+    federation: Federation | None = None,
 ) -> RunResult:
     """Steps a run to its end, successful or not; never raises a `CosimError`.
 
@@ -276,6 +278,7 @@ def run(
         observed: the observers of the execution, which step it.
         control: pace, pauses, single steps and values that the user requests; None runs as fast as possible.
         interrupted: returns whether the user has requested the end of the run.
+        federation: meets other simulators.
     """
     clock = ready.clock
     start, stop = execution.time, clock.time(clock.steps)
@@ -288,6 +291,8 @@ def run(
         while execution.k < clock.steps:
             before = held.wall
             held.wait(execution.time - start, interrupted, telling.keep)
+            if federation is not None:
+                federation.meet(execution, gateways, control, interrupted)
             if interrupted():
                 outcome = Outcome.INTERRUPTED
                 execution.conclude()
@@ -297,6 +302,8 @@ def run(
             if gateways:
                 gateways.exchange(execution)
             stop_at = gateways.before(held.after(execution.k))
+            if federation is not None:
+                stop_at = federation.before(execution.k, stop_at)
             if checkpoints is None:
                 observed.advance(stop_at)
             else:
@@ -310,6 +317,8 @@ def run(
             if not telling.keep():
                 telling.report(keep=False)
             held.spent(held.wall - before)
+        if federation is not None and execution.k == clock.steps:
+            federation.meet(execution, gateways, control, interrupted)
         if gateways:
             gateways.exchange(execution)
     except KeyboardInterrupt:

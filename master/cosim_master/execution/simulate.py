@@ -20,6 +20,7 @@ from cosim_master.diagnostics.errors import (
     Where,
 )
 from cosim_master.execution.execution import Execution
+from cosim_master.execution.federation import Federation, Joining, joining
 from cosim_master.execution.options import Listener, Reporting, RunOptions, going_on
 from cosim_master.execution.outcome.manifest import digest_of_system, manifest
 from cosim_master.execution.outcome.result import Outcome, RunResult, failing, unrecorded
@@ -55,6 +56,7 @@ from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.network.gateways.gateways import Address, Gateways, gateways_of
 from cosim_master.network.gateways.mailbox import Mailbox
+from cosim_master.network.gateways.sockets import Socket
 from cosim_master.results.reading.links import Links
 from cosim_master.results.recording.recording import Recording, check_columns
 from cosim_master.results.storage.checkpoint_folder import Checkpoint, find
@@ -130,6 +132,8 @@ def simulate(
         if one.out is not None:
             _make_folder(one.out)
         scene = Scene()
+        if one.federation is not None:
+            opened.enter_context(one.federation)
         with Gateways(one.asked, listener.gateway, one.ready.network.dialect) as gateways, reported(scene):
             began, before, calls = time.perf_counter(), ProcessState.present(), WatchedCalls()
             try:
@@ -154,13 +158,14 @@ class _Run:
     listener: Listener
     control: Control
     checkpoint: Checkpoint | None
-    asked: Sequence[tuple[Gateway, Address | Mailbox]]
+    asked: Sequence[tuple[Gateway, Address | Socket]]
     mailbox: Mailbox | None
     fingerprint: dict[str, str]
     out: Path | None
     saving: Checkpoints
     layout: Layout
     profiler: Profiler | None
+    federation: Federation | None
     transport: Transport | None = None
     cut: Cut | None = None
     parts: tuple[Mapping[str, Any], ...] = ()
@@ -369,7 +374,10 @@ class _Run:
             control=self.control,
             interrupted=interrupted,
             checkpoints=self.saving if self.options.checkpoint_every is not None else None,
+            federation=self.federation,
         )
+        if self.federation is not None:
+            self.federation.error = result.error
         changes.compare(execution.time)
         return unrecorded(result, observed.close())
 
@@ -447,11 +455,15 @@ def _planned(
     actions = NOTHING if options.replay is None else read_actions(options.replay)
     ready, overrides = _prepared(structure, options, actions)
     replayed = entering(actions.posted, ready.clock)
-    asked: list[tuple[Gateway, Address | Mailbox]] = [*gateways_of(ready.network, options.gcs, options.ports)]
-    fingerprint = _fingerprint(ready, [f"{gateway} {address}" for gateway, address in asked], checkpoint)
+    asked: list[tuple[Gateway, Address | Socket]] = [*gateways_of(ready.network, options.gcs, options.ports)]
+    how = _joining(ready, options)
+    asked += () if how is None else how.gateways
+    programs = [f"{gateway} {address}" for gateway, address in asked]
+    programs += [] if how is None else [f"HELICS {options.helics}"]
+    fingerprint = _fingerprint(ready, programs, checkpoint)
     out = options.out
     if isinstance(out, RunFolder):
-        out = out.choose(with_packets(fingerprint, replayed), repeatable=not asked and not replayed)
+        out = out.choose(with_packets(fingerprint, replayed), repeatable=not programs and not replayed)
     saving = Checkpoints(ready, out, options.checkpoint_every, overrides, options.record)
     if checkpoint is not None:
         checkpoint.check(saving.identity)
@@ -469,7 +481,7 @@ def _planned(
     elif mailbox is not None:
         asked.append((Gateway(_MAILBOX, quiet=True), mailbox))
     ready = replace(ready, network=with_gateways(ready.network, [gateway for gateway, _ in asked]))
-    observed = watched(ready.checked) | monitored(ready.monitors)
+    observed = watched(ready.checked) | monitored(ready.monitors) | ({*how.observed} if how is not None else set())
     layout = make_layout(ready.checked, ready.network, ready.recording.signals, ready.master, observed)
     if checkpoint is not None:
         check_columns(checkpoint, ready.checked, layout)
@@ -487,8 +499,27 @@ def _planned(
         layout=layout,
         profiler=Profiler() if options.profile else None,
         replayed=bool(replayed),
+        federation=None if how is None else Federation(how, layout),
         packets=(out is not None and ready.recording.packets) or hears_packets(ready.monitors),
     )
+
+
+def _joining(ready: Prepared, options: RunOptions) -> Joining | None:
+    """Returns how the run takes part in a federation; None if it does not.
+
+    Raises:
+        SystemDescriptionError: an address or a name is wrong, or the run cannot take part.
+    """
+    if options.helics is None:
+        for name, given in (("publish", options.helics_publish), ("subscribe", options.helics_subscribe)):
+            if given:
+                text = "it belongs to --helics, which is not given"
+                raise SystemDescriptionError([Problem(Where(f"--helics-{name}"), text)])
+        return None
+    if options.checkpoint_every is not None or options.origin is not None:
+        text = "a run in a federation has no checkpoints: other simulators cannot be set back"
+        raise SystemDescriptionError([Problem(Where("--helics"), text)])
+    return joining(ready, options.helics, options.helics_publish, options.helics_subscribe)
 
 
 def _prepared(structure: SystemStructure, options: RunOptions, actions: Actions) -> tuple[Prepared, dict[str, str]]:

@@ -215,6 +215,26 @@ _Ros1Master = Annotated[
         show_default=False,
     ),
 ]
+_Helics = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KIND:[HOST:]PORT",
+        help="Take part in the HELICS federation of this broker (zmq, zmq_ss, tcp, tcp_ss), with nodes as endpoints. "
+        "Options follow: ,to=ENDPOINT (* is every other node), ,period=S, ,name=FEDERATE.",
+        show_default=False,
+    ),
+]
+_HelicsPublish = Annotated[
+    list[str] | None,
+    typer.Option(metavar="OUTPUT", help="With --helics: publish an output, by name or pattern. May be repeated."),
+]
+_HelicsSubscribe = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="VARIABLE=KEY",
+        help="With --helics: set an input or tunable parameter to the values of a publication. May be repeated.",
+    ),
+]
 _NoOpen = Annotated[
     bool,
     typer.Option("--no-open", help="With --view: print the address only; do not open a browser.", show_default=False),
@@ -275,6 +295,9 @@ def run(
     foxglove: _FoxglovePort = None,
     ros1: _Ros1Master = None,
     ros2: _Ros2Domain = None,
+    helics: _Helics = None,
+    helics_publish: _HelicsPublish = None,
+    helics_subscribe: _HelicsSubscribe = None,
     partitions: Partitions = None,
     partition_file: PartitionFile = None,
     partition_timeout: _PartitionTimeout = 60.0,
@@ -308,6 +331,7 @@ def run(
             pace=pace, threads=threads, profile=profile,
             isolation=chosen_isolation(isolate, step_timeout, memory_limit, restart_crashed, host),
             gcs=gcs or (), ports=ports, assignment=partition_file,
+            helics=helics, helics_publish=helics_publish or (), helics_subscribe=helics_subscribe or (),
         )  # fmt: skip
         entered = view or ros1 is not None or ros2 is not None
         if transport is not None and transport.part != 0:

@@ -33,6 +33,7 @@ def refuse_options(options: RunOptions, *, replayed: bool) -> None:
     refused = {
         "--profile": (options.profile, "the profile of one part tells nothing of the others; profile the system"),
         "--replay": (replayed, "packets enter the parts of a run at the ends of windows only; repeat the run"),
+        "--helics": (options.helics is not None, "others would meet parts that have stepped on; run the system"),
     }
     problems = [Problem(Where(name), f"{text} in one process") for name, (given, text) in refused.items() if given]
     if problems:

@@ -236,13 +236,13 @@ class _Crossing:
     """One open gateway."""
 
     def __init__(
-        self, gateway: Gateway, address: Address | Mailbox, report: Callable[[str], None], dialect: Sequence[Message]
+        self, gateway: Gateway, address: Address | Socket, report: Callable[[str], None], dialect: Sequence[Message]
     ) -> None:
         self.gateway, self.address = gateway, address
         self.counts: Counter[str] = Counter()
         self.socket: Socket
         self.signing: Signing | None = None
-        if isinstance(address, Mailbox):
+        if not isinstance(address, Address):
             self.socket = address
         else:
             self.socket = open_socket(address.kind, address.host, address.port, self._told(report))
@@ -281,7 +281,7 @@ class Gateways:
     """The open gateways of a run; a context manager that closes them.
 
     Args:
-        asked: the result of `gateways_of`, and gateways with mailboxes instead of sockets.
+        asked: the result of `gateways_of`, and gateways with ends in this process (`Mailbox`, `Port`).
         report: called with messages about sockets.
         dialect: messages that only this system defines.
 
@@ -291,7 +291,7 @@ class Gateways:
 
     def __init__(
         self,
-        asked: Sequence[tuple[Gateway, Address | Mailbox]],
+        asked: Sequence[tuple[Gateway, Address | Socket]],
         report: Callable[[str], None],
         dialect: Sequence[Message] = (),
     ) -> None:

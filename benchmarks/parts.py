@@ -1,0 +1,189 @@
+"""Runs in parts on this machine: what a window costs with each MPI library, and the speed of large swarms.
+
+    windows  messages as those of a window, from each part to each, without stepping: wall-clock time of an exchange
+    swarms   `uav-cosim run` of lines of drones in 1, 2 and 4 processes: start-up, speed, memory of all processes
+
+Open MPI is that of the environment. Another library is measured with `--mpi NAME=PREFIX`, where PREFIX contains
+bin/mpiexec and lib/libmpi.so.12 (a virtual environment in which the package mpich is installed has both).
+
+    python benchmarks/parts.py [--parts 1 2 4] [--drones 1000 2500 5000] [--seconds 2] [--mpi mpich=VENV] [--docs FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from report import machine, show, write
+
+from cosim_master.execution.partitions.mpi import MpiTransport
+from cosim_master.system.authoring.swarm.new import new_system
+
+ROOT = Path(__file__).resolve().parents[1]
+COMMAND = str(Path(sys.executable).with_name("uav-cosim"))
+BEGIN, END = "<!-- parts: written by benchmarks/parts.py -->", "<!-- end of parts -->"
+WINDOWS = 2000
+SIZES = (300, 30_000)
+"""Bytes of a message: of line5, and of 300 drones with positions of four base steps."""
+
+
+# ---- windows: in the processes of a launcher ---------------------------------------------------------------------
+
+
+def exchange(file: Path) -> None:
+    """Exchanges messages as the parts of a run do; part 0 writes the median time for each size, us."""
+    transport = MpiTransport(600.0)
+    found = {}
+    for size in SIZES:
+        message, spans = bytes(size), []
+        for _ in range(WINDOWS):
+            began = time.perf_counter()
+            for other in range(transport.parts):
+                if other != transport.part:
+                    transport.send(other, message)
+            for other in range(transport.parts):
+                if other != transport.part:
+                    transport.receive(other)
+            spans.append(time.perf_counter() - began)
+        found[str(size)] = 1e6 * statistics.median(spans[WINDOWS // 10 :])
+    if transport.part == 0:
+        file.write_text(json.dumps(found))
+    transport.close(abort=False)
+
+
+def launchers(more: Sequence[str]) -> dict[str, tuple[list[str], dict[str, str]]]:
+    """The command and the environment that start processes, by name of the library."""
+    own = [str(Path(sys.executable).with_name("mpirun")), "--oversubscribe", "--bind-to", "none"]
+    root = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    found = {
+        "Open MPI, shared memory, ULFM": ([*own, "--with-ft", "ulfm"], root),
+        "Open MPI, shared memory": (own, root),
+        "Open MPI, TCP on loopback": ([*own, "--mca", "btl", "self,tcp", "--mca", "pml", "ob1"], root),
+    }
+    for one in more:
+        name, _, prefix = one.partition("=")
+        libraries = {"MPI4PY_LIBMPI": str(Path(prefix, "lib", "libmpi.so.12").resolve())}
+        found[name] = ([str(Path(prefix, "bin", "mpiexec"))], libraries)
+    return found
+
+
+def windows(parts: Sequence[int], more: Sequence[str], folder: Path) -> list[dict[str, Any]]:
+    rows = []
+    for name, (launcher, environment) in launchers(more).items():
+        for n in parts:
+            file = folder / "windows.json"
+            command = [*launcher, "-n", str(n), sys.executable, __file__, "--exchange", str(file)]
+            subprocess.run(command, env={**os.environ, **environment}, check=True, stdout=subprocess.DEVNULL)
+            rows.append({"library": name, "parts": n, "us": json.loads(file.read_text())})
+    return rows
+
+
+# ---- swarms --------------------------------------------------------------------------------------------------------
+
+
+def flown(system: Path, parts: int, seconds: float, out: Path) -> dict[str, float]:
+    """One run: real time factor, start-up [s], and processor time of all processes [s]."""
+    words = [COMMAND, "run", str(system), "--until", str(seconds), "--force", "-o", str(out)]
+    words += ["--record", "*.vehicle.position*"]
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    subprocess.run([*words, *(("--partitions", str(parts)) if parts > 1 else ())], check=True, capture_output=True)
+    wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    told: Mapping[str, Any] = json.loads((out / "manifest.json").read_text())
+    return {
+        "real_time_factor": told["real_time_factor"],
+        "start_up_s": wall - told["wall_s"],
+        "processor_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+        "largest_process_MB": after.ru_maxrss / 1000.0,
+    }
+
+
+def swarms(drones: Sequence[int], parts: Sequence[int], seconds: float, folder: Path) -> list[dict[str, Any]]:
+    rows = []
+    for n in drones:
+        system = new_system("line", n, folder / f"line{n}", fmus=ROOT / "fmus", until=seconds)
+        for p in parts:
+            load = os.getloadavg()[0]
+            rows.append({"drones": n, "parts": p, "load": load, **flown(system, p, seconds, folder / "out")})
+            print(rows[-1], file=sys.stderr, flush=True)
+    return rows
+
+
+def document(file: Path, host: dict[str, Any], exchanged: Sequence[Any], speeds: Sequence[Any], seconds: float) -> None:
+    """Replace the section of the figures in a document."""
+    text = file.read_text(encoding="utf-8")
+    if BEGIN not in text:
+        text += f"\n{BEGIN}\n{END}\n"
+    parts = sorted({one["parts"] for one in exchanged})
+    lines = [
+        BEGIN,
+        "## Parts of a run",
+        "",
+        "`python benchmarks/parts.py`: the exchange of a window between all parts without stepping, median in us, for"
+        f" messages of {SIZES[0]} and {SIZES[1]:,} bytes.",
+        f"{host['processor']}, {host['cores']} cores, load at the start {host['load']:.1f}; other programs ran, too.",
+        "",
+        "| library | " + " | ".join(f"{n} parts" for n in parts) + " |",
+        "|---" * (1 + len(parts)) + "|",
+    ]
+    for name in dict.fromkeys(one["library"] for one in exchanged):
+        own = {one["parts"]: one["us"] for one in exchanged if one["library"] == name}
+        cells = (" / ".join(f"{own[n][str(size)]:.0f}" for size in SIZES) for n in parts)
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    lines += [
+        "",
+        f"Lines of drones for the first {seconds:g} simulated seconds, on these cores, positions and packets recorded:",
+        "",
+        "| drones | processes | times real time | start-up, s | processor time, s | largest process, MB | load |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {one['drones']:,} | {one['parts']} | {one['real_time_factor']:.2f} | {one['start_up_s']:.0f} | "
+        f"{one['processor_s']:.0f} | {one['largest_process_MB']:.0f} | {one['load']:.1f} |"
+        for one in speeds
+    ]
+    head, rest = text.split(BEGIN)[0], text.split(END, 1)[1]
+    file.write_text(head + "\n".join([*lines, END]) + rest, encoding="utf-8")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--parts", type=int, nargs="+", default=[1, 2, 4])
+    parser.add_argument("--drones", type=int, nargs="+", default=[1000, 2500, 5000])
+    parser.add_argument("--seconds", type=float, default=2.0)
+    parser.add_argument("--mpi", nargs="+", default=[], metavar="NAME=PREFIX")
+    parser.add_argument("--docs", type=Path)
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--exchange", type=Path, help=argparse.SUPPRESS)
+    o = parser.parse_args(arguments)
+    if o.exchange is not None:
+        exchange(o.exchange)
+        return
+    host = machine("mpi4py", "openmpi")
+    with tempfile.TemporaryDirectory() as made:
+        exchanged = windows([n for n in o.parts if n > 1], o.mpi, Path(made))
+        cells = [
+            [f"{one['library']}, {one['parts']} parts", *(f"{us:.0f}" for us in one["us"].values())]
+            for one in exchanged
+        ]
+        show("A window's messages, us", host, ["", *(f"{size} B" for size in SIZES)], cells, "median; without stepping")
+        speeds = swarms(o.drones, o.parts, o.seconds, Path(made))
+    names = ("real_time_factor", "start_up_s", "processor_s", "largest_process_MB", "load")
+    cells = [[f"{one['drones']} in {one['parts']}", *(f"{one[name]:.2f}" for name in names)] for one in speeds]
+    show("Swarms in parts", host, ["drones, processes", *names], cells, f"the first {o.seconds:g} s")
+    write(o.json, host, {"benchmark": "parts", "windows": exchanged, "swarms": speeds})
+    if o.docs is not None:
+        document(o.docs, host, exchanged, speeds, o.seconds)
+
+
+if __name__ == "__main__":
+    main()
