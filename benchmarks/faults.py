@@ -5,25 +5,30 @@
 FMUs of FMI 2 and of FMI 3 (with Clocks, events, Strings and Binaries) crash, overflow their stack, end their process,
 do not return, or fill their memory, at the first call of each function that a run with checkpoints makes. Each time,
 
-- named: the error names instance and function, and the exit code is 1;
+- named: the error names instance and function, and the exit code is 1; of a process that was killed or has called
+  _exit(), `repair` names the last call; one that does not return is named before two signals end it;
 - readable: the recording can be read, and its rows are the first ones of a run without faults; if the FMU is isolated,
   none is missing of the steps that all instances have made;
 - clean: no process, descriptor or temporary folder remains.
 
-Faults in the process of the run happen in a process of their own; not those that hang or fill the memory.
+Faults in the process of the run happen in a process of their own, whose memory is limited. --only chooses faults.
 """
 
 from __future__ import annotations
 
 import argparse
 import io
+import json
 import os
 import re
+import resource
+import signal
 import tempfile
+import time
 import zipfile
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +40,7 @@ from cosim_master.fmi.description.read import platform
 from cosim_master.fmi.isolation.child import Limits
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.results.reading.read import signals
+from cosim_master.results.repair import repair
 from tests.master.conftest import SUFFIX, Workshop
 from tests.master.fmi.test_faults_of_functions import CLOCKS, FLAGS
 from tests.master.fmi.test_isolation import SOURCE, Faulties, leftovers
@@ -43,7 +49,10 @@ from tests.master.fmus.faulting import faulting
 from tests.master.fmus.strict3 import Stricts3
 
 ISOLATED = ("segv", "overflow", "exit", "sleep", "memory")
-HERE = ("segv", "overflow", "exit")
+HERE = ("segv", "overflow", "exit", "memory", "sleep", "_exit", "kill")
+_ROOM = 256 << 20
+"""Memory that a process of the run may fill, bytes."""
+_PATIENCE = 120.0
 LIMITS = Limits(seconds=0.5, memory=64 << 20)
 PATIENT = Limits(memory=64 << 20)
 CLOCKED = SOURCE.with_name("clocked.c")
@@ -124,10 +133,15 @@ def try_here(system: Path, out: Path, fault: str, function: str, whole: Any) -> 
     if child == 0:
         with environment(FAULT=f"{fault} {function} 1"):
             os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT, 0o600), 2)
-            simulate(system, RunOptions(out=out, isolation=Isolation("none"), checkpoint_every=1.0))
+            if fault == "memory":
+                used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+                resource.setrlimit(resource.RLIMIT_AS, (used + _ROOM, used + _ROOM))
+            simulate(system, RunOptions(out=out, isolation=Isolation("none", LIMITS), checkpoint_every=1.0))
         os._exit(0)
+    if fault == "sleep":
+        end_by_signals(child, said)
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    named = code == 1 and f"error: bad: {function} failed" in said.read_text(encoding="utf-8")
+    named = is_named(fault, function, code, said.read_text(encoding="utf-8"), out)
     clean = leftovers() <= before
     try:
         rows = signals(out)
@@ -137,10 +151,39 @@ def try_here(system: Path, out: Path, fault: str, function: str, whole: Any) -> 
     return [named, times == whole["time"].to_pylist()[: len(times)], clean]
 
 
+def end_by_signals(child: int, said: Path) -> None:
+    """Sends two signals as soon as a process has said that an FMU does not return."""
+    until = time.monotonic() + _PATIENCE
+    while time.monotonic() < until and "has not returned" not in (said.read_text() if said.exists() else ""):
+        time.sleep(0.05)
+    for _ in range(2):
+        with suppress(ProcessLookupError):
+            os.kill(child, signal.SIGINT)
+        time.sleep(0.3)
+
+
+def is_named(fault: str, function: str, code: int, said: str, out: Path) -> bool:
+    """Whether something says which function of `bad` was called."""
+    if fault == "sleep":
+        return code == -signal.SIGINT and bool(re.search(f"bad: {function} failed .*has not returned", said))
+    if fault not in ("_exit", "kill"):
+        return code == 1 and f"error: bad: {function} failed" in said
+    if code != (3 if fault == "_exit" else -signal.SIGKILL) or not (out / "manifest.json").is_file():
+        return False
+    repair(out)
+    error = json.loads((out / "manifest.json").read_text(encoding="utf-8"))["error"]
+    return f"the last call of an FMU in it was {function} of bad" in str(error)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--only", nargs="+", choices=sorted({*ISOLATED, *HERE}), default=[*ISOLATED, *HERE])
     options = parser.parse_args()
+    ways = {
+        "isolated": [fault for fault in ISOLATED if fault in options.only],
+        "in the process of the run": [fault for fault in HERE if fault in options.only],
+    }
     host, counts, failures = machine("ziglang"), Counter[tuple[str, str, str]](), []
     with tempfile.TemporaryDirectory(prefix="faults-") as temporary:
         folder = Path(temporary)
@@ -157,7 +200,7 @@ def main() -> None:
                     raise RuntimeError("the run without faults failed")
             whole = recorded(folder / f"whole{fmi}")
             for function in sorted({*calls.read_text().split()}):
-                for where, faults in (("isolated", ISOLATED), ("in the process of the run", HERE)):
+                for where, faults in ways.items():
                     for fault in faults:
                         n += 1
                         attempt = try_isolated if where == "isolated" else try_here
@@ -169,7 +212,7 @@ def main() -> None:
                             failures.append(f"{where}: {fault} in {function}: {lacking}")
     cells = [
         [f"{where}: {fault}", *(str(counts.get((where, fault, name), "-")) for name in COLUMNS)]
-        for where, faults in (("isolated", ISOLATED), ("in the process of the run", HERE))
+        for where, faults in ways.items()
         for fault in faults
     ]
     show("Faults in every function that a run calls", host, ["", *COLUMNS], cells, "\n".join(failures))

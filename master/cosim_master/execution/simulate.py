@@ -45,7 +45,7 @@ from cosim_master.execution.preparation.replay import NOTHING, Actions, as_json,
 from cosim_master.execution.preparation.stimuli import read_stimuli
 from cosim_master.execution.run.checkpoint import refuse_checkpoints
 from cosim_master.execution.run.faults.crashes import reported
-from cosim_master.execution.run.faults.hangs import reported_hangs
+from cosim_master.execution.run.faults.hangs import reported_hangs, reported_start
 from cosim_master.execution.run.faults.last_call import kept
 from cosim_master.execution.run.faults.process_state import ProcessState, WatchedCalls, WatchedSteps, told
 from cosim_master.execution.run.faults.scene import Scene
@@ -137,7 +137,9 @@ def simulate(
         with Gateways(one.asked, listener.gateway, one.ready.network.dialect) as gateways, reported(scene):
             began, before, calls = time.perf_counter(), ProcessState.present(), WatchedCalls()
             try:
-                execution = one.opened(calls, scene)
+                seconds = (options.isolation or Isolation()).limits.of_calls[1]
+                with reported_start(scene, seconds) as watch:
+                    execution = one.opened(calls, scene, watch)
             except SystemDescriptionError:
                 raise
             except CosimError as error:
@@ -193,13 +195,14 @@ class _Run:
     def view(self) -> View:
         return View(self.layout, self.ready.every, self.ready.clock.seconds(1))
 
-    def opened(self, calls: WatchedCalls, scene: Scene) -> Execution:
-        """Returns the run at its start, with initialized FMUs; `calls` watches their functions."""
+    def opened(self, calls: WatchedCalls, scene: Scene, watch: Callable[[Library], None] = lambda _: None) -> Execution:
+        """Returns the run at its start, with initialized FMUs; `calls` and `watch` get the libraries loaded."""
         ready, options = self.ready, self.options
 
         def loaded(library: Library) -> None:
             scene.libraries.append(library)
             calls.watch(library)
+            watch(library)
 
         setup = Setup(
             master=ready.master,

@@ -5,8 +5,13 @@ Where a process may be started anew, such a fault changes nothing.
 
 from __future__ import annotations
 
+import os
 import re
+import signal
+import subprocess
+import sys
 import tempfile
+import time
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +25,8 @@ from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import platform
 from cosim_master.fmi.isolation.child import Limits
 from cosim_master.fmi.slaves.isolated import Isolation
-from tests.master.conftest import SUFFIX
+from tests.master import processes
+from tests.master.conftest import SUFFIX, Workshop
 from tests.master.fmi.test_isolation import Faulties, _folder, leftovers
 from tests.master.fmus.clocked import clocked, description
 from tests.master.fmus.faulting import faulting
@@ -137,3 +143,22 @@ def test_a_c_plus_plus_exception(workshop: object, tmp_path: Path, tmp_path_fact
         "its process was ended by signal 6 (SIGABRT)"
     )
     assert "terminate called after throwing an instance of 'int'" in text
+
+
+def test_ctrl_c_ends_a_start_that_hangs(workshop: Workshop, tmp_path: Path) -> None:
+    """In the process of the run, where the handler of the first one has no chance; the second one says who hangs."""
+    (tmp_path / "temporary").mkdir()
+    system = Faulties(workshop, tmp_path).system("sleep fmi2EnterInitializationMode 1")
+    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(system)]
+    command += ["-o", str(tmp_path / "out"), "--isolate", "none", "--step-timeout", "0.1"]
+    environment = {**os.environ, "TMPDIR": str(tmp_path / "temporary")}
+    running = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    assert running.stderr is not None
+    said = "bad: fmi2EnterInitializationMode failed: bad.fmu has not returned; this call takes "
+    assert any(line.startswith(f"note: {said}") for line in running.stderr)  # reads until it is said
+    for _ in range(2):
+        processes.signalled(running, signal.SIGINT)
+        time.sleep(1.0)
+    _, errors = running.communicate(timeout=300)
+    assert (running.returncode, f"error: {said}" in errors) == (-signal.SIGINT, True), errors
+    assert [*(tmp_path / "temporary").iterdir()] == []

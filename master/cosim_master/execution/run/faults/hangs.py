@@ -1,11 +1,12 @@
 """Names an FMU of this process that does not return, and completes the recording if the user then ends the process.
 
     with reported_hangs(scene, seconds): ...   steps; a second signal during a hang calls scene.rescue(error)
+    with reported_start(scene, limits) as watch: watch(library)      when it is loaded; from then on to the first step
 
 While an FMU does not return, the main thread runs no Python code, and no handler of a signal. A watchdog thread notices
-that the simulation time stands still, and identifies FMU and function from the main thread's stack. It learns of
-signals by Python's wake-up descriptor. After the second one, it completes the recording and lets the signal end the
-process.
+that the simulation time (at the start: the function called) stands still, and identifies FMU and function from the main
+thread's stack. It learns of signals by Python's wake-up descriptor. After the second one, it completes the recording
+and lets the signal end the process.
 
 This needs a function in C (`stack.c` of `fmi.isolation`), and is left out where that is not compiled.
 """
@@ -20,20 +21,55 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.execution.run.faults.scene import FRAMES, Scene, symbols
+from cosim_master.files.temporary import remove_all
 from cosim_master.fmi.isolation.building import LIBRARY, CannotIsolate, binaries
+from cosim_master.fmi.slaves.fmi2 import Library
 
-__all__ = ["reported_hangs"]
+__all__ = ["reported_hangs", "reported_start"]
 
 log = logging.getLogger(__name__)
 
 _TICK = 0.25
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 _GRACE = 0.5
 """Wall-clock time in which the main thread reacts to a second signal if it can, s."""
+
+
+def _may_hang(library: Library) -> bool:
+    return bool(library.file) and (library.isolated or not library.own)
+
+
+@contextmanager
+def reported_start(scene: Scene, seconds: float) -> Iterator[Callable[[Library], None]]:
+    """Yields a function that takes each library when it is loaded, and watches the main thread if that may hang.
+
+    Args:
+        scene: has the libraries.
+        seconds: wall-clock time after which a call is reported; 0: never.
+    """
+    with ExitStack() as watching:
+        begun: list[Library] = []
+
+        def watch(library: Library) -> None:
+            if not begun and _may_hang(library):
+                begun.append(library)
+                watching.callback(_set_again)
+                watching.enter_context(_watched(scene, seconds, scene.calling, "this call takes"))
+
+        yield watch
+
+
+def _set_again() -> None:
+    """Sets Python's handlers of signals again, which the system removes at the first signal of a hang."""
+    if threading.current_thread() is threading.main_thread():
+        for number in _SIGNALS:
+            if callable(handler := signal.getsignal(number)):
+                signal.signal(number, handler)
 
 
 @contextmanager
@@ -44,9 +80,18 @@ def reported_hangs(scene: Scene, seconds: float) -> Iterator[None]:
         scene: the instances; its `rescue` completes the recording before the process ends.
         seconds: wall-clock time after which a step is reported; 0: never.
     """
-    here = [one for one in scene.slaves if one.library.file and (one.library.isolated or not one.library.own)]
+    if not any(_may_hang(one.library) for one in scene.slaves):
+        yield
+        return
+    with _watched(scene, seconds, scene.now, "this step takes"):
+        yield
+
+
+@contextmanager
+def _watched(scene: Scene, seconds: float, progress: Callable[[], Hashable], words: str) -> Iterator[None]:
+    """Watches the main thread; `progress` returns a value that stays the same during a hang."""
     main = threading.current_thread() is threading.main_thread()
-    if not here or sys.platform != "linux" or not main:
+    if sys.platform != "linux" or not main:
         yield
         return
     try:
@@ -62,7 +107,7 @@ def reported_hangs(scene: Scene, seconds: float) -> Iterator[None]:
         os.close(writing)
         yield
         return
-    watchdog = _Watchdog(functions, scene, seconds, reading)
+    watchdog = _Watchdog(functions, scene, seconds, reading, progress, words)
     watchdog.start()
     try:
         yield
@@ -74,10 +119,18 @@ def reported_hangs(scene: Scene, seconds: float) -> Iterator[None]:
 
 
 class _Watchdog(threading.Thread):
-    def __init__(self, functions: ctypes.CDLL, scene: Scene, seconds: float, signals: int) -> None:
+    def __init__(
+        self,
+        functions: ctypes.CDLL,
+        scene: Scene,
+        seconds: float,
+        signals: int,
+        progress: Callable[[], Hashable],
+        words: str,
+    ) -> None:
         super().__init__(name="uav-cosim-watchdog", daemon=True)
-        self._functions, self._scene, self._now = functions, scene, scene.now
-        self._seconds, self._signals = seconds, signals
+        self._functions, self._scene, self._now = functions, scene, progress
+        self._seconds, self._signals, self._words = seconds, signals, words
         self._main = threading.main_thread().ident or 0
         self._number = signal.SIGRTMIN + 7
         self._ended = threading.Event()
@@ -89,7 +142,7 @@ class _Watchdog(threading.Thread):
         functions.stack_of.argtypes = (ctypes.c_ulong, ctypes.c_int, ctypes.c_void_p, ctypes.c_int)
         functions.stack_prepare(int(self._number))
         self._handlers: dict[int, int | None] = {}
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in _SIGNALS:
             self._handlers[number] = self._libc.signal(number, None)
             self._libc.sysv_signal(number, self._handlers[number])
 
@@ -118,7 +171,8 @@ class _Watchdog(threading.Thread):
             waited = time.monotonic() - since
             if self._seconds and waited > self._seconds + told and (found := self._error(waited)) is not None:
                 told = waited
-                log.warning("note: %s; a second Ctrl-C ends the process with its recording complete", found)
+                kept = "" if self._scene.plan is None else " with its recording complete"
+                log.warning("note: %s; a second Ctrl-C ends the process%s", found, kept)
 
     def _stack(self) -> Sequence[int | None]:
         frames = (ctypes.c_void_p * FRAMES)()
@@ -129,7 +183,7 @@ class _Watchdog(threading.Thread):
         frames = self._stack()
         if not self._scene.inside(frames):
             return None
-        text = f"has not returned; this step takes {waited:.0f} s already"
+        text = f"has not returned; {self._words} {waited:.0f} s already"
         return self._scene.error(frames, lambda file: f"{file} {text}")
 
     def _end(self, number: int, waited: float) -> None:
@@ -140,7 +194,7 @@ class _Watchdog(threading.Thread):
         # The handler that samples the stack is in the same library.
         waits = [name for file, name in symbols(self._stack()) if file == self._proxy]
         if any(name.startswith(("fmi", "isolated_fmi")) for name in waits):
-            for library in {one.library for one in self._scene.slaves}:
+            for library in {*self._scene.libraries}:
                 library.kill()
             return
         error = self._error(waited)
@@ -148,6 +202,7 @@ class _Watchdog(threading.Thread):
             return
         with suppress(BaseException):
             os.write(2, f"error: {error}\n".encode())
+            remove_all()
             self._scene.rescue(error)
         self._libc.signal(number, None)
         os.kill(os.getpid(), number)

@@ -62,6 +62,10 @@ class Scene:
         """Takes the instances of a run that has started up."""
         self.slaves, self.plan, self.now = slaves, plan, now
 
+    def calling(self) -> tuple[tuple[str, str], ...]:
+        """Returns the instances and functions that Python code has called last, of all libraries."""
+        return tuple(one.calling for one in self.libraries)
+
     def error(self, frames: Sequence[int | None], said: Callable[[str], str]) -> FmuError | None:
         """Returns the error of the FMU in which this thread is, or was last; None if it has called none.
 
