@@ -173,14 +173,27 @@ def test_the_preset_of_a_slower_plane_flies_with_its_speeds(fmus: Path, tmp_path
     assert ends == pytest.approx([0.0, 25.0, 75.0, 100.0], abs=PLACES["FixedWing"].tolerance)
 
 
-def test_a_mixed_fleet_of_five_classes_flies(fmus: Path, tmp_path: Path) -> None:
+def test_the_preset_of_another_quadplane_flies_with_its_gains(fmus: Path, tmp_path: Path) -> None:
+    """PX4's standard VTOL, with the parameters of its table in docs/vehicles.md."""
+    gains = {"Q_A_RAT_RLL_P": 0.06, "Q_A_RAT_RLL_I": 0.03, "Q_A_RAT_YAW_P": 0.08, "Q_M_THST_HOVER": 0.274}
+    motors = {"Q_M_THST_EXPO": 1, "Q_M_SPIN_MIN": 0, "Q_M_SPIN_MAX": 1, "AIRSPEED_CRUISE": 15, "TRIM_THROTTLE": 55}
+    overrides = bound("px4_standard_vtol") | {f"drone3.autopilot.{k}": str(v) for k, v in (gains | motors).items()}
+    swapped = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / "Quadplane.fmu", tmp_path / "system")
+    flight = fly(swapped, tmp_path / "out", overrides=overrides)
+    ends = [float(flight.east(drone)[-1]) for drone in (1, 2, 3, 4, 5)]
+    assert ends == pytest.approx([0.0, 25.0, 50.0, 75.0, 100.0], abs=1.0)
+    assert flight.up(3)[-1] == pytest.approx(10.0, abs=0.1)
+    assert not [one for one in flight.result.verdict.findings if "drone3" in " ".join(one.who)]
+
+
+def test_a_mixed_fleet_of_six_classes_flies(fmus: Path, tmp_path: Path) -> None:
     """`new` gives every vehicle the autopilot that accepts it; each class comes to its place in the line."""
-    vehicles = "2xQuadrotor,1xRover,1xPointMass,1xFixedWing,1xBoat,1xY6,2xQuadrotor"
+    vehicles = "2xQuadrotor,1xRover,1xPointMass,1xFixedWing,1xBoat,1xY6,1xQuadplane,1xQuadrotor"
     system = new_system(
         "line", 9, tmp_path / "mixed", fmus=fmus, fleet={"vehicle": fleet_of(vehicles)}, spacing=20.0, until=60.0
     )
     kinds = {path.name for path in system.glob("*.ssd")}
-    assert len(kinds) == 7  # the root, and one for each kind of drone
+    assert len(kinds) == 8  # the root, and one for each kind of drone
     flight = fly(system, tmp_path / "out")
     assert [int(flight[f"drone{i}.agent.failure"][-1]) for i in range(1, 10)] == [0] * 9
     heights = [float(flight.up(i)[-1]) for i in range(1, 10)]

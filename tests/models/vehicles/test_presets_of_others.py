@@ -16,6 +16,7 @@ from cosim_models.vehicles.boat import Boat
 from cosim_models.vehicles.fixed_wing import FixedWing
 from cosim_models.vehicles.linear_quadrotor import LinearQuadrotor
 from cosim_models.vehicles.point_mass import PointMass
+from cosim_models.vehicles.quadplane import Quadplane
 from cosim_models.vehicles.rover import Rover, Steering
 from tests.models.copter import PRESETS, set_values
 from tests.models.shipped_kernels import kernels
@@ -28,6 +29,7 @@ MODELS: dict[str, type[Model]] = {
     "authors_voronoi": LinearQuadrotor,
     "crazyflie_point": PointMass,
     "px4_iris_point": PointMass,
+    "px4_standard_vtol": Quadplane,
     "vrx_wamv": Boat,
 }
 
@@ -63,7 +65,7 @@ def test_a_preset_is_about_parameters_of_its_vehicle_and_says_its_source(name: s
     assert len(comment) > 200 and "SI." in comment
 
 
-@pytest.mark.parametrize("name", ["vrx_wamv", "ardupilot_plane"])
+@pytest.mark.parametrize("name", ["vrx_wamv", "ardupilot_plane", "px4_standard_vtol"])
 def test_it_sets_every_number_of_the_body(name: str) -> None:
     """What it leaves alone is the place, the surroundings and the integration, not the vehicle."""
     known = {f.name for f in flat_variables(MODELS[name].variables) if f.variable.role == "parameter"}
@@ -154,3 +156,60 @@ def test_point_masses_take_on_the_wind_as_the_drag_of_their_rotors_at_hover_says
     m.wind[:] = (5.0, 0.0, 0.0)
     assert kernels(PointMass)[1](m, 0.0, 2.0) == 0
     assert m.velocity[0] == pytest.approx(5.0 * (1.0 - math.exp(-2.0 * drag / mass)), rel=1e-4)
+
+
+def surfaces(v: Any, w: Any, aileron: float, elevator: float) -> tuple[Any, Any]:
+    """Force [N] and torque [N m], FRD, of the surfaces of standard_vtol.sdf, by Gazebo's LiftDragPlugin.
+
+    Each has a place, an area, an angle of no lift, lift by deflection, and a direction of lift; lift and drag are in
+    the plane of that and of the way ahead.
+    """
+    up, right = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
+    force, torque = np.zeros(3), np.zeros(3)
+    for place, area, zero, deflected, upward in (
+        ((-0.05, -0.3, -0.05), 0.5, 0.05984281113, aileron, up),
+        ((-0.05, 0.3, -0.05), 0.5, 0.05984281113, -aileron, up),
+        ((-0.5, 0.0, 0.0), 0.01, -0.2, 12.0 * elevator, up),
+        ((-0.5, 0.0, -0.05), 0.02, 0.0, 0.0, right),
+    ):
+        air = v + np.cross(w, place)
+        ahead, across = air[0], air @ upward
+        alpha = zero + math.atan2(-across, ahead)
+        push = 0.5 * 1.2041 * (ahead * ahead + across * across) * area
+        forward = np.array([1.0, 0.0, 0.0])
+        way = (ahead * forward + across * upward) / math.hypot(ahead, across)
+        lifted = (ahead * upward - across * forward) / math.hypot(ahead, across)
+        one = push * ((4.752798721 * alpha + deflected) * lifted - abs(0.6417112299 * alpha) * way)
+        force += one
+        torque += np.cross(place, one)
+    return force, torque
+
+
+@pytest.mark.parametrize(
+    ("alpha", "beta", "rates", "servos"),
+    [
+        (0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0)),
+        (1.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0)),
+        (0.0, 2.0, (0.0, 0.0, 0.0), (0.0, 0.0)),
+        (0.0, 0.0, (0.2, 0.0, 0.0), (0.0, 0.0)),
+        (0.0, 0.0, (0.0, 0.2, 0.0), (0.0, 0.0)),
+        (0.0, 0.0, (0.0, 0.0, 0.2), (0.0, 0.0)),
+        (0.0, 0.0, (0.0, 0.0, 0.0), (0.2, 0.0)),
+        (0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.05)),
+    ],
+)
+def test_the_standard_vtol_feels_the_surfaces_of_its_source(alpha: float, beta: float, rates: Any, servos: Any) -> None:
+    """By angle, rate and deflection, within 6 % and the second order, and 1 N of drag, which is not linear here."""
+    a, b = math.radians(alpha), math.radians(beta)
+    v = 15.0 * np.array([math.cos(a) * math.cos(b), math.sin(b), math.sin(a) * math.cos(b)])
+    aileron, elevator = servos[0] * 0.53, -servos[1] * 0.53  # 1 is a roll to the right, and a nose that rises
+    force, torque = surfaces(v, np.array(rates), aileron, elevator)
+    m = with_preset("px4_standard_vtol", **{"position_start[3]": -500.0}, propeller_area=0.0)
+    m.velocity[:], m.angular_velocity[:] = v, rates
+    m.motor[:4] = (0.5 + 0.5 * servos[0], 0.5 + 0.5 * servos[1], 0.0, 0.5)
+    h = 1e-6
+    assert kernels(Quadplane)[1](m, 0.0, h) == 0
+    assert (np.abs(np.array(m.specific_force) * 5.04 - force) <= 0.06 * np.abs(force) + (1.0, 0.4, 0.4)).all()
+    turned = (np.array(m.angular_velocity) - rates) / h * (0.477708, 0.341667, 0.811042)
+    turned += np.cross(rates, np.array((0.477708, 0.341667, 0.811042)) * rates)
+    np.testing.assert_allclose(turned, torque, rtol=0.06, atol=0.08)
