@@ -134,7 +134,7 @@ def test_other_kinds_of_items_are_unsupported(copter: Copter) -> None:
     ],
 )
 def test_crossing_a_fence_returns(items: list[Item], way: tuple[float, float]) -> None:
-    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_TYPE": 4}).in_the_air(5.0, 10.0)
+    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_TYPE": 4, "AVOID_ENABLE": 0}).in_the_air(5.0, 10.0)
     assert upload(copter, items) == 0
     copter.run(1.0)
     assert copter.m["mode"] == GUIDED
@@ -197,3 +197,41 @@ def test_within_a_polygon_is_what_matplotlib_says(
     near, far = polygon.contains_point(point, radius=0.03), polygon.contains_point(point, radius=-0.03)
     if near == far:  # not on the line, as far as rounding to 1e-7 degrees goes
         assert within_polygons(m, *point) == (bool(near) != exclusion)
+
+
+@pytest.mark.parametrize(
+    ("items", "way", "stop"),
+    [
+        (square(INCLUSION, 40.0), (4.0, 0.0), (18.0, 0.0)),
+        (square(INCLUSION, 40.0), (3.0, 4.0), (18.0, 18.0)),  # slides along the edge into the corner
+        (square(EXCLUSION, 10.0, north=20.0), (4.0, 0.0), (13.0, 0.0)),
+        ([(CIRCLE_IN, 20.0, 0.0, 0.0)], (0.0, -4.0), (0.0, -18.0)),
+        ([(CIRCLE_OUT, 5.0, 0.0, 20.0)], (0.0, 4.0), None),  # slides round it
+    ],
+)
+def test_velocities_end_at_the_margin_of_an_uploaded_fence(
+    items: list[Item], way: tuple[float, float], stop: tuple[float, float] | None
+) -> None:
+    """The vehicle lags behind the velocity, so that it comes to rest up to 0.7 m nearer."""
+    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_TYPE": 4}).in_the_air(5.0, 10.0)
+    assert upload(copter, items) == 0
+    for _ in range(60):
+        copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=way[0], vy=way[1])
+        copter.run(0.25)
+    assert copter.m["mode"] == GUIDED
+    n, e, _ = copter.v["position"]
+    if stop is None:
+        assert math.hypot(n, e - 20.0) == pytest.approx(7.0, abs=0.7)
+    else:
+        assert (n, e) == pytest.approx(stop, abs=0.7)
+    assert not copter.m["fence_breach"]
+
+
+def test_away_from_an_edge_the_velocity_is_free() -> None:
+    """South of the exclusion, a velocity along its edge, 3 m away, is not changed."""
+    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_TYPE": 4}).in_the_air(5.0, 10.0)
+    assert upload(copter, square(EXCLUSION, 30.0, north=18.1)) == 0
+    for _ in range(12):
+        copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vy=3.0)
+        copter.run(0.25)
+    assert copter.v["velocity"][:2] == pytest.approx((0.0, 3.0), abs=0.15)

@@ -140,6 +140,24 @@ def test_a_large_glitch_is_rejected_then_believed() -> None:
     assert copter.m["mode"] == GUIDED
 
 
+def test_jammed_gps_lands_without_a_position() -> None:
+    copter = hovering()
+    put(copter, "SIM_GPS1_JAM", 1)
+    copter.run(1.5)
+    assert told(copter) == [
+        (2, "EKF variance"),
+        (2, "EKF Failsafe: changed to LAND Mode"),
+        (2, "GPS Glitch or Compass error"),
+    ]
+    assert copter.m["mode"] == LAND
+    report = ekf(copter)
+    assert min(report.velocity_variance, report.pos_horiz_variance) >= 0.8
+    copter.heard.clear()
+    put(copter, "SIM_GPS1_JAM", 0)
+    copter.run(12.0)
+    assert told(copter) == [(2, "EKF Failsafe Cleared"), (2, "Glitch cleared")]
+
+
 # ---- barometer ------------------------------------------------------------------------------------------------------
 
 

@@ -38,7 +38,8 @@ _GRAVITY = 9.80665
 _LEAP = 18  # s by which GPS time is ahead of UTC
 _GPS_BEGIN, _WEEK = 315_964_800, 604_800  # s since 1970, s
 _ARMED, _DISARMED, _LANDED, _FLIES = 10, 11, 18, 28  # EV
-_RADIO, _BATTERY, _STATION, _FENCE = 5, 6, 8, 9  # ERR, subsystems
+_RADIO, _BATTERY, _STATION, _FENCE, _GPS, _ESTIMATE = 5, 6, 8, 9, 11, 17  # ERR, subsystems
+_GLITCH = 2  # code
 _CHANGED = 65535  # index of a PARAM_VALUE that tells of a change
 _NAMES = {
     "q": 4, "position_neu": 3, "velocity_neu": 3, "acceleration_neu": 3, "gyro": 3, "attitude_target": 4,
@@ -46,7 +47,7 @@ _NAMES = {
     "target_velocity_neu": 3, "target_acceleration_neu": 3, "throttle_in": 0, "throttle_command": 0,
     "throttle_out": 0, "throttle_hover": 0, "home_neu": 3, "motor": 8, "motor_count": 0, "battery_voltage": 0,
     "battery_current": 0, "battery_used": 0, "battery_energy": 0, "battery_alarm": 0, "fence_breach": 0,
-    "radio_lost": 0, "station_lost": 0, "armed": 0, "mode": 0, "on_ground": 0,
+    "radio_lost": 0, "station_lost": 0, "ekf_failed": 0, "glitching": 0, "armed": 0, "mode": 0, "on_ground": 0,
 }  # fmt: skip
 """Signals of an autopilot, with the numbers of their elements; 0: a scalar."""
 _FROM_ESTIMATOR = {"position": 3, "velocity": 3, "attitude": 4, "gyro_offset_frd": 3}
@@ -245,10 +246,13 @@ def _add_state(log: Log, one: _Recording) -> None:
         ("battery_alarm", _BATTERY),
         ("station_lost", _STATION),
         ("fence_breach", _FENCE),
+        ("glitching", _GPS),
+        ("ekf_failed", _ESTIMATE),
     ):
         if one.has(name):
             rows = _begins(one[name])
-            log.add("ERR", t[rows], system, one[name][rows])
+            code = _GLITCH * one[name] if system == _GPS else one[name]
+            log.add("ERR", t[rows], system, code[rows])
     if one.has("motor", "motor_count"):
         pulses = [1000.0 + 1000.0 * one["motor"][:, i] for i in range(8)]
         channels = [np.where(i < one["motor_count"], pulses[i], 0.0) if i < 8 else 0.0 for i in range(14)]

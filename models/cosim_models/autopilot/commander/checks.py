@@ -61,7 +61,7 @@ def _watch_estimate(m: Any, t: float) -> None:
     if not m.armed or m.FS_EKF_THRESH <= 0.0:
         m.ekf_count = 0
         m.ekf_failed = m.ekf_acted = False
-    elif m.position_lost:
+    elif m.position_lost or min(m.position_ratio, m.velocity_ratio) >= m.FS_EKF_THRESH:
         if m.ekf_failed:
             return
         m.ekf_count += 1

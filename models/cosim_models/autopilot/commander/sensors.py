@@ -6,6 +6,7 @@ fails, the estimate has an error, which is added to that motion:
 - GPS: the estimate moves to the position that GPS tells (with the time constant of its gain) as long as that is within
   the gate; beyond, GPS is rejected, and after 10 s the estimate is reset to it. Without GPS, the position is lost after
   7 s; the error stays as it is.
+- Jammed GPS: its positions and velocities are nonsense and rejected.
 - Barometer: the same for the height, with a wider gate and a slower gain.
 
 A reset moves the desired motion, too, so that the vehicle does not jump. Kernels over the autopilot's record `m`.
@@ -32,13 +33,20 @@ _RETRY = 10.0  # s after which what is rejected is believed
 _LOST = 7.0  # s without GPS
 _GLITCH_BEGINS, _GLITCH_ENDS = 1.0, 10.0  # s of rejection, and without it
 _NEVER = -1.0
+_NONSENSE = 10.0  # innovation over its gate
 _SAME = 1e-3  # m
 
 
 @kernel
 def _is_on(m: Any) -> bool:
     """Returns whether a sensor or motor fails, or the estimate still has an error."""
-    if m.SIM_GPS1_ENABLE == 0 or m.SIM_ENGINE_FAIL != 0 or m.SIM_BARO_DRIFT != 0.0 or m.SIM_BARO_GLITCH != 0.0:
+    if (
+        m.SIM_GPS1_ENABLE == 0
+        or m.SIM_GPS1_JAM != 0
+        or m.SIM_ENGINE_FAIL != 0
+        or m.SIM_BARO_DRIFT != 0.0
+        or m.SIM_BARO_GLITCH != 0.0
+    ):
         return True
     if m.SIM_GPS1_GLTCH_X != 0.0 or m.SIM_GPS1_GLTCH_Y != 0.0 or m.SIM_GPS1_GLTCH_Z != 0.0:
         return True
@@ -73,9 +81,16 @@ def _watch_gps(m: Any, t: float) -> None:
         if m.gps_lost_at == _NEVER:
             m.gps_lost_at = t
         m.error_rate[0] = m.error_rate[1] = 0.0
-        m.position_ratio = 0.0
+        m.position_ratio = m.velocity_ratio = 0.0
         if t - m.gps_lost_at >= _LOST:
             m.position_lost = True
+        return
+    m.velocity_ratio = 0.0
+    if m.SIM_GPS1_JAM != 0:
+        m.position_ratio = m.velocity_ratio = _NONSENSE
+        m.error_rate[0] = m.error_rate[1] = 0.0
+        if m.gps_rejected_at == _NEVER:
+            m.gps_rejected_at = t
         return
     n = m.SIM_GPS1_GLTCH_X * _PER_DEGREE
     e = m.SIM_GPS1_GLTCH_Y * _PER_DEGREE * math.cos(m.origin_latitude)
@@ -120,7 +135,7 @@ def watch_sensors(m: Any, t: float) -> None:
     was = m.sim_on
     m.sim_on = _is_on(m)
     if not m.sim_on:
-        m.position_ratio = m.height_ratio = 0.0
+        m.position_ratio = m.velocity_ratio = m.height_ratio = 0.0
         return
     if not was:
         m.gps_lost_at = m.gps_rejected_at = m.barometer_rejected_at = _NEVER

@@ -1,10 +1,11 @@
 """Slowing down before fences, as ArduCopter's AC_Avoid does in GUIDED with velocities and in LOITER (AVOID_ENABLE 1).
 
-A velocity towards the circle about home, the maximum or the minimum height is reduced such that the vehicle comes to
-rest FENCE_MARGIN before it; along the circle the vehicle slides. Polygons do not slow it down. Kernels over the
-autopilot's record `m`.
+A velocity towards the circle about home, an edge of an uploaded polygon, an uploaded circle, the maximum or the minimum
+height is reduced such that the vehicle comes to rest FENCE_MARGIN before it; along it, the vehicle slides. Kernels over
+the autopilot's record `m`.
 
-Source: ArduPilot, AC_Avoid (adjust_velocity_circle_fence, adjust_velocity_z).
+Source: ArduPilot, AC_Avoid (adjust_velocity_circle_fence, adjust_velocity_polygon, limit_velocity_2D,
+adjust_velocity_z).
 """
 
 from __future__ import annotations
@@ -13,10 +14,19 @@ import math
 from typing import Any
 
 from cosim.kernel import kernel
-from cosim_models.autopilot.control.shaping import inverse_sqrt_controller, sqrt_controller
-from cosim_models.autopilot.mission.fences import CIRCLE, HIGHEST, LOWEST
+from cosim_models.autopilot.control.shaping import Pair, clip, inverse_sqrt_controller, sqrt_controller
+from cosim_models.autopilot.mission.fences import (
+    CIRCLE,
+    HIGHEST,
+    LOWEST,
+    POLYGON,
+    edge,
+    fence_shape,
+    is_inside,
+    within_polygons,
+)
 
-__all__ = ["avoids", "slow_at_circle", "slow_at_heights"]
+__all__ = ["avoids", "slow_at_fences", "slow_at_heights"]
 
 _ACCEL_MAX = 3.0  # m/s2, of the braking
 _AT_FENCES = 1  # AVOID_ENABLE
@@ -29,7 +39,7 @@ def avoids(m: Any) -> bool:
 
 
 @kernel
-def slow_at_circle(m: Any, vn: float, ve: float, dt: float) -> tuple[float, float]:
+def _slow_at_circle(m: Any, vn: float, ve: float, dt: float) -> tuple[float, float]:
     """Returns a horizontal velocity [m/s] with which the vehicle does not leave the circle."""
     speed = math.sqrt(vn * vn + ve * ve)
     if (m.FENCE_TYPE & CIRCLE) == 0 or speed == 0.0:
@@ -50,6 +60,62 @@ def slow_at_circle(m: Any, vn: float, ve: float, dt: float) -> tuple[float, floa
         return 0.0, 0.0
     slower = min(speed, sqrt_controller(left, m.PSC_POSXY_P, accel, dt)) / left
     return dn * slower, de * slower
+
+
+@kernel
+def _limited(m: Any, v: Pair, dn: float, de: float, left: float, dt: float) -> Pair:
+    """Returns a velocity whose part along the unit vector (dn, de) comes to rest FENCE_MARGIN before `left` [m]."""
+    accel = min(0.01 * m.WPNAV_ACCEL, _ACCEL_MAX)
+    most = sqrt_controller(max(left - m.FENCE_MARGIN, 0.0), m.PSC_POSXY_P, accel, dt)
+    excess = max(v[0] * dn + v[1] * de - most, 0.0)
+    return v[0] - excess * dn, v[1] - excess * de
+
+
+@kernel
+def _slow_at_edges(m: Any, first: int, vertices: int, v: Pair, dt: float) -> Pair:
+    """Slows down before each edge of a polygon, towards its point that is nearest to the vehicle."""
+    n, e = m.position_neu[0], m.position_neu[1]
+    k = first + vertices - 1
+    for i in range(first, first + vertices):
+        begin_n, begin_e, n_way, e_way = edge(m, k, i)
+        k = i
+        length = n_way * n_way + e_way * e_way
+        share = 0.0 if length == 0.0 else clip(((n - begin_n) * n_way + (e - begin_e) * e_way) / length, 0.0, 1.0)
+        dn, de = begin_n + share * n_way - n, begin_e + share * e_way - e
+        away = math.sqrt(dn * dn + de * de)
+        if away > 0.0:
+            v = _limited(m, v, dn / away, de / away, away, dt)
+    return v
+
+
+@kernel
+def _slow_at_items(m: Any, v: Pair, dt: float) -> Pair:
+    """Slows down before the uploaded polygons and circles."""
+    n, e = m.position_neu[0], m.position_neu[1]
+    i = 0
+    while i < m.fence_count:
+        inclusion, polygon, size, centre_n, centre_e = fence_shape(m, i)
+        if polygon:
+            if is_inside(m, i, int(size), n, e) == inclusion:
+                v = _slow_at_edges(m, i, int(size), v, dt)
+            i += int(size)
+            continue
+        i += 1
+        dn, de = n - centre_n, e - centre_e
+        away = math.sqrt(dn * dn + de * de)
+        if away > 0.0:
+            sign = 1.0 if inclusion else -1.0
+            v = _limited(m, v, sign * dn / away, sign * de / away, sign * (size - away), dt)
+    return v
+
+
+@kernel
+def slow_at_fences(m: Any, vn: float, ve: float, dt: float) -> Pair:
+    """Returns a horizontal velocity [m/s] with which the vehicle stays within the fences."""
+    v = _slow_at_circle(m, vn, ve, dt)
+    if (m.FENCE_TYPE & POLYGON) == 0 or m.fence_count == 0 or (v[0] == 0.0 and v[1] == 0.0):
+        return v
+    return _slow_at_items(m, v, dt) if within_polygons(m, m.position_neu[0], m.position_neu[1]) else v
 
 
 @kernel

@@ -39,7 +39,7 @@ from cosim_models.autopilot.control.position import (
 )
 from cosim_models.autopilot.control.shaping import clip, sqrt_controller
 from cosim_models.autopilot.flight.angles import run_angle
-from cosim_models.autopilot.flight.avoidance import avoids, slow_at_circle, slow_at_heights
+from cosim_models.autopilot.flight.avoidance import avoids, slow_at_fences, slow_at_heights
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.waypoints import fly_leg, set_leg, start_legs
 from cosim_models.autopilot.flight.yaw import (
@@ -354,7 +354,7 @@ def run_guided(m: Any, t: float, dt: float) -> None:
     elif m.submode == VELOCITY:
         vn, ve, vu = v[0], v[1], v[2]
         if avoids(m):
-            vn, ve = slow_at_circle(m, vn, ve, dt)
+            vn, ve = slow_at_fences(m, vn, ve, dt)
             vu = slow_at_heights(m, vu, dt)
         seek_velocity_ne(m, vn, ve, a[0], a[1], dt)
         seek_velocity_up(m, vu, a[2], False, dt)
@@ -399,7 +399,7 @@ def _descend(m: Any, dt: float) -> None:
         seek_velocity_up(m, clip(rate, min(-fast, -slow), -slow), 0.0, True, dt)
     if m.touched:
         soften_for_landing(m, dt)
-    if m.position_lost:
+    if m.position_lost or m.ekf_failed:
         relax_ne(m, dt)
     else:
         vn, ve = _reposition(m)

@@ -32,7 +32,7 @@ from cosim_models.autopilot.control.position import (
     stop_ne,
 )
 from cosim_models.autopilot.control.shaping import clip, sqrt_controller
-from cosim_models.autopilot.flight.avoidance import avoids, slow_at_circle, slow_at_heights
+from cosim_models.autopilot.flight.avoidance import avoids, slow_at_fences, slow_at_heights
 from cosim_models.autopilot.flight.circle import begin_circle, go_round
 from cosim_models.autopilot.flight.guided import rest_on_ground, standard_limits
 from cosim_models.autopilot.flight.sticks import (
@@ -291,7 +291,7 @@ def move_by_stick(m: Any, by_pilot: bool, t: float, dt: float) -> None:
             a[i] -= m.loiter_brake * v[i] / speed
         v[i] *= share
     if by_pilot and avoids(m):
-        v[0], v[1] = slow_at_circle(m, v[0], v[1], dt)
+        v[0], v[1] = slow_at_fences(m, v[0], v[1], dt)
     for i in range(2):
         p[i] += v[i] * dt
     control_ne(m, dt)

@@ -62,7 +62,7 @@ _MOVING_ACCEL = 3.0  # m/s2
 @kernel
 def position_ready(m: Any, t: float) -> bool:
     """Returns whether the position estimate is good enough for flight (from `estimate_ready_time` on, with GPS)."""
-    return bool(t >= m.estimate_ready_time and not m.position_lost)
+    return bool(t >= m.estimate_ready_time and not m.position_lost and not m.ekf_failed)
 
 
 @kernel

@@ -378,7 +378,7 @@ def _send_ekf_status(m: Any, t: float) -> bool:
         flags = _EKF_CONSTANT
     if m.glitching:
         flags += EKF_GPS_GLITCHING
-    encode_ekf_status_report(m.payload, flags, 0.0, m.position_ratio, m.height_ratio, 0.0, 0.0, 0.0)
+    encode_ekf_status_report(m.payload, flags, m.velocity_ratio, m.position_ratio, m.height_ratio, 0.0, 0.0, 0.0)
     return send(m, EKF_STATUS_REPORT)
 
 

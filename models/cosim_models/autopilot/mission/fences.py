@@ -41,7 +41,10 @@ __all__ = [
     "FENCE_CAPACITY",
     "FENCE_ITEM",
     "check_fence_item",
+    "edge",
     "fence_is_whole",
+    "fence_shape",
+    "is_inside",
     "keep_fence_item",
     "permits",
     "place_fence",
@@ -150,7 +153,7 @@ def send_fence_item(m: Any, sequence: int, system: int, component: int, whole: b
 
 
 @kernel
-def _is_inside(m: Any, first: int, vertices: int, n: float, e: float) -> bool:
+def is_inside(m: Any, first: int, vertices: int, n: float, e: float) -> bool:
     """Returns whether (n, e) is inside a polygon: a ray to the east crosses it an odd number of times."""
     inside = False
     k = first + vertices - 1
@@ -163,6 +166,22 @@ def _is_inside(m: Any, first: int, vertices: int, n: float, e: float) -> bool:
 
 
 @kernel
+def edge(m: Any, begin: int, end: int) -> tuple[float, float, float, float]:
+    """Returns north and east of a vertex, and the way from there to another one [m]."""
+    n, e = m.fence[begin, _NORTH], m.fence[begin, _EAST]
+    return n, e, m.fence[end, _NORTH] - n, m.fence[end, _EAST] - e
+
+
+@kernel
+def fence_shape(m: Any, row: int) -> tuple[bool, bool, float, float, float]:
+    """Returns whether the shape at a row is an inclusion and a polygon, its vertices or radius [m], north and east."""
+    command = int(m.fence[row, _COMMAND])
+    polygon = command in (MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
+    inclusion = command in (MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION)
+    return inclusion, polygon, m.fence[row, _SIZE], m.fence[row, _NORTH], m.fence[row, _EAST]
+
+
+@kernel
 def within_polygons(m: Any, n: float, e: float) -> bool:
     """Returns whether the uploaded fence permits (n, e) [m]."""
     wanted = False  # there are inclusion polygons
@@ -171,7 +190,7 @@ def within_polygons(m: Any, n: float, e: float) -> bool:
     while i < m.fence_count:
         command, size = int(m.fence[i, _COMMAND]), m.fence[i, _SIZE]
         if command in (MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION):
-            inside = _is_inside(m, i, int(size), n, e)
+            inside = is_inside(m, i, int(size), n, e)
             if command == MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION and inside:
                 return False
             wanted = wanted or command == MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION

@@ -46,6 +46,7 @@ INT8 = frozenset(
         "RCMAP_YAW",
         "SIM_ENGINE_FAIL",
         "SIM_GPS1_ENABLE",
+        "SIM_GPS1_JAM",
         "SIM_RC_FAIL",
         "WP_YAW_BEHAVIOR",
     ]

@@ -332,6 +332,7 @@ BATTERY_PARAMETERS = _rare(
 
 SENSOR_PARAMETERS = _rare(
     _whole("SIM_GPS1_ENABLE", 1, "GPS: 0 gives no position", 0, 1),
+    _whole("SIM_GPS1_JAM", 0, "GPS: 1 is jammed", 0, 1),
     _signed("SIM_GPS1_GLTCH_X", "deg", 0.0, "GPS: error of the latitude in degrees", 90.0),
     _signed("SIM_GPS1_GLTCH_Y", "deg", 0.0, "GPS: error of the longitude in degrees", 90.0),
     _signed("SIM_GPS1_GLTCH_Z", "m", 0.0, "GPS: error of the altitude", 1e5),

@@ -276,12 +276,13 @@ MEMORY = (
     Memory("gps_lost_at", rare=True),  # -1: never
     Memory("gps_rejected_at", rare=True),
     Memory("barometer_rejected_at", rare=True),
-    Memory("glitching", dtype="?", rare=True),
+    State("glitching", type=bool, description="whether GPS is rejected"),
     Memory("glitch_seen_at", rare=True),
     Memory("position_ratio", rare=True),  # innovation over its gate
+    Memory("velocity_ratio", rare=True),
     Memory("height_ratio", rare=True),
     Memory("ekf_count", dtype="i4", rare=True),
-    Memory("ekf_failed", dtype="?", rare=True),
+    State("ekf_failed", type=bool, description="whether the fail-safe of the estimate is on"),
     Memory("ekf_acted", dtype="?", rare=True),
     Memory("ekf_warned_at", rare=True),
     Memory("crash_count", dtype="i4", rare=True),
