@@ -14,6 +14,7 @@ import csv
 import ctypes
 import math
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -321,8 +322,9 @@ def available(names: list[str]) -> dict[str, str]:
         if name == "OMSimulator":
             if program := os.environ.get("OMSIMULATOR"):
                 told = subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout
-                release, _, commit = told.split()[1].removeprefix("v").partition("-g")
-                found[name] = f"{release.partition('-')[0]} ({commit.partition('-')[0]})" if commit else release
+                release, *rest = told.split()[1].removeprefix("v").split("-")
+                commits = [part.removeprefix("g") for part in rest if re.fullmatch("g?[0-9a-f]{7,}", part)]
+                found[name] = f"{release} ({commits[0]})" if commits else release
             continue
         try:
             found[name] = version(_PACKAGES[name])

@@ -1,11 +1,12 @@
-"""Steps one FMU in another engine and prints its real outputs after every step.
+"""Steps FMUs, each alone, in another engine and prints their real outputs after every step.
 
-``python other_engines.py libcosimpy|ecospy FMU STEP_SIZE STEPS VARIABLE...``
+``python other_engines.py libcosimpy|ecospy TASKS.json``, a list of [name, FMU, step size, steps, variables]
 """
 
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import sys
 from collections.abc import Iterator
@@ -42,8 +43,8 @@ def ecos(file: str, step_size: float, steps: int, names: list[str]) -> Iterator[
 
 
 if __name__ == "__main__":
-    tool, file, step_size, steps, *names = sys.argv[1:]
-    run = {"libcosimpy": libcosim, "ecospy": ecos}[tool]
-    for row in run(file, float(step_size), int(steps), names):
-        print("ROW", *map(repr, map(float, row)), flush=True)
+    run = {"libcosimpy": libcosim, "ecospy": ecos}[sys.argv[1]]
+    for name, *task in json.loads(Path(sys.argv[2]).read_text()):
+        for row in run(*task):
+            print("ROW", name, *map(repr, map(float, row)), flush=True)
     os._exit(0)  # how these tools shut down is not our subject

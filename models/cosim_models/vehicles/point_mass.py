@@ -22,6 +22,9 @@ from cosim.verdict import Role
 __all__ = ["PointMass"]
 
 _GRAVITY = 9.80665
+_SHORTEST = 1e-6
+"""Shortest step, s, whose mean acceleration is determined. Over shorter ones, which some engines make (OMSimulator: 1e-13 s
+at the end), the last one is held: differences of velocities divided by such a step are rounding."""
 _NORTH, _EAST, _DOWN, _LIFT = 0, 1, 2, 3  # elements of `motor`
 
 
@@ -90,6 +93,8 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
                 m.velocity[i] = 0.0
     if not isfinite(m.position[0] + m.position[1] + m.position[2]):
         return 3
+    if h < _SHORTEST:
+        return 0
     q = float(m.attitude[0]), float(m.attitude[1]), float(m.attitude[2]), float(m.attitude[3])
     m.specific_force[0], m.specific_force[1], m.specific_force[2] = rotate_inverse(q, (north, east, down - _GRAVITY))
     return 0

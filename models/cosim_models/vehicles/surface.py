@@ -32,6 +32,9 @@ __all__ = [
 
 STEP_SIZE = 0.0125
 GRAVITY = 9.80665
+_SHORTEST = 1e-6
+"""Shortest step, s, whose mean acceleration and turn rate are determined. Over shorter ones, which some engines make (OMSimulator: 1e-13 s
+at the end), the last ones are held: differences of velocities divided by such a step are rounding."""
 """Standard gravity [m/s2]."""
 
 _STEERING, _THROTTLE = 0, 1  # elements of `motor`
@@ -115,9 +118,10 @@ def travel(m: Any, after: float, distance: float, turn: float, north: float, eas
     m.position[0] += chord * cos(m.heading + half) + north * h
     m.position[1] += chord * sin(m.heading + half) + east * h
     _turn_to(m, m.heading + turn)
-    rate = turn / h
-    m.specific_force[0], m.specific_force[1] = (after - m.speed) / h, rate * after
-    m.angular_velocity[2] = rate
+    if h >= _SHORTEST:
+        rate = turn / h
+        m.specific_force[0], m.specific_force[1] = (after - m.speed) / h, rate * after
+        m.angular_velocity[2] = rate
     m.speed = after
     m.velocity[0] = after * cos(m.heading) + north
     m.velocity[1] = after * sin(m.heading) + east
@@ -156,6 +160,7 @@ def slide(m: Any, after: float, distance: float, h: float) -> bool:
     m.position[1] += distance * east
     m.velocity[0] += after * north
     m.velocity[1] += after * east
-    m.specific_force[1] += (after - m.slip) / h
+    if h >= _SHORTEST:
+        m.specific_force[1] += (after - m.slip) / h
     m.slip = after
     return isfinite(m.position[0] + m.position[1])

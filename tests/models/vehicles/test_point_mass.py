@@ -39,6 +39,17 @@ def test_it_accelerates_as_commanded_whatever_the_step(h: float) -> None:
     assert m.specific_force.tolist() == pytest.approx([2.0, 0.0, -1.0 - G], abs=1e-9)
 
 
+@pytest.mark.parametrize("shortest", [1e-13, 1e-16])
+def test_a_step_of_no_length_keeps_forces(shortest: float) -> None:
+    """Also where it is pushed in the air; a difference of velocities over such a step would be rounding."""
+    m = point(**{"position_start[3]": -50.0})
+    m.motor[:4], m.force[:] = (0.8, 0.3, 0.4, 1.0), (1.0, 2.0, -3.0)
+    run(m, 1.0)
+    before = list(m.specific_force)
+    assert min(abs(one) for one in before) > 0.1
+    assert list(run(m, shortest, h=shortest).specific_force) == before
+
+
 def test_it_falls_without_lift_and_stands_on_the_ground() -> None:
     m = point(**{"position_start[3]": -10.0})
     run(m, 1.0)

@@ -65,6 +65,18 @@ def test_a_boat_approaches_the_speed_at_which_drag_and_thrust_balance() -> None:
     assert run(Boat, m, 5.0).speed == pytest.approx(-10.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("shortest", [1e-13, 1e-16])
+@pytest.mark.parametrize("model", [Rover, Boat])
+def test_a_step_of_no_length_keeps_forces_and_rates(model: type[Model], shortest: float) -> None:
+    """Of a pushed vehicle in a turn; a difference of speeds over such a step would be rounding."""
+    m = run(model, vehicle(model, 0.7, 0.8, force=[30.0, -20.0, 0.0]), 1.0)
+    before = [np.array(m.specific_force), np.array(m.angular_velocity), np.array(m.velocity)]
+    assert abs(before[0][0]) > 0.01 and abs(before[0][1]) > 0.1 and abs(before[1][2]) > 0.01
+    after = run(model, m, shortest, h=shortest)
+    for old, name in zip(before, ("specific_force", "angular_velocity", "velocity"), strict=True):
+        np.testing.assert_allclose(np.array(getattr(after, name)), old, rtol=0, atol=1e-9)
+
+
 def test_a_current_takes_a_boat_along() -> None:
     m = run(Boat, vehicle(Boat, 0.0, 0.0, **{"current[2]": 0.5}), 8.0)
     assert m.position.tolist() == pytest.approx([0.0, 4.0, 0.0], abs=1e-9)
