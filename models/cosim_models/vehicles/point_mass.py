@@ -23,8 +23,8 @@ __all__ = ["PointMass"]
 
 _GRAVITY = 9.80665
 _SHORTEST = 1e-6
-"""Shortest step, s, whose mean acceleration is determined. Over shorter ones, which some engines make (OMSimulator: 1e-13 s
-at the end), the last one is held: differences of velocities divided by such a step are rounding."""
+"""Shortest step, s, whose mean acceleration is determined. Over shorter ones, which some engines make (OMSimulator:
+1e-13 s at the end), the last one is held: differences of velocities divided by such a step are rounding."""
 _NORTH, _EAST, _DOWN, _LIFT = 0, 1, 2, 3  # elements of `motor`
 
 

@@ -33,8 +33,8 @@ __all__ = [
 STEP_SIZE = 0.0125
 GRAVITY = 9.80665
 _SHORTEST = 1e-6
-"""Shortest step, s, whose mean acceleration and turn rate are determined. Over shorter ones, which some engines make (OMSimulator: 1e-13 s
-at the end), the last ones are held: differences of velocities divided by such a step are rounding."""
+"""Shortest step, s, whose mean acceleration and turn rate are determined. Over shorter ones, which some engines make
+(OMSimulator: 1e-13 s at the end), the last ones are held: differences divided by such a step are rounding."""
 """Standard gravity [m/s2]."""
 
 _STEERING, _THROTTLE = 0, 1  # elements of `motor`

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -54,9 +55,10 @@ def test_as_fmpy_runs_it(dynamics: Any, tmp_path: Path) -> None:
 def test_as_libcosim_runs_it(dynamics: Any) -> None:
     pytest.importorskip("libcosimpy")
     file = dynamics.fmu("VANDERPOL", 1, stop=1.0)
-    command = [sys.executable, str(MASTERS), "libcosimpy", str(file), "0.1", "10", "x", "y"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    rows = [[float(x) for x in line.split()[1:]] for line in done.stdout.splitlines() if line.startswith("ROW")]
+    tasks = file.with_suffix(".json")
+    tasks.write_text(json.dumps([["one", str(file), 0.1, 10, ["x", "y"]]]))
+    done = subprocess.run([sys.executable, str(MASTERS), "libcosimpy", str(tasks)], capture_output=True, text=True)
+    rows = [[float(x) for x in line.split()[2:]] for line in done.stdout.splitlines() if line.startswith("ROW")]
     assert len(rows) == 10, done.stderr
     simulate(file, RunOptions(out=file.parent / "out", step=0.1))
     got = columns(file.parent / "out")
