@@ -11,6 +11,7 @@ import pytest
 from lxml import etree
 
 from cosim.build import models_of_package
+from cosim_master import RunOptions, simulate
 from cosim_master.system.authoring.swap import swap
 from cosim_master.system.authoring.swarm.new import fleet_of, new_system
 from cosim_master.system.flatten.check import check
@@ -206,6 +207,19 @@ def test_a_mixed_fleet_of_six_classes_flies(fmus: Path, tmp_path: Path) -> None:
         ("drone3.vehicle",),
         ("drone6.vehicle",),
     }
+
+
+def test_a_mixed_fleet_has_the_same_bits_with_two_threads_and_when_it_is_resumed(fmus: Path, tmp_path: Path) -> None:
+    """The checkpoint is within the take-offs."""
+    vehicles = fleet_of("1xQuadplane,1xRover,1xPointMass,1xFixedWing,1xQuadrotor")
+    system = new_system("line", 5, tmp_path / "mixed", fmus=fmus, fleet={"vehicle": vehicles}, spacing=20.0, until=9.0)
+    fly(system, tmp_path / "whole", threads=1, checkpoint_every=6.0)
+    fly(system, tmp_path / "threads", threads=2, checkpoint_every=6.0)
+    simulate(system, RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'whole'}@6", checkpoint_every=6.0))
+    for name in ("signals.parquet", "packets.parquet"):
+        expected = (tmp_path / "whole" / name).read_bytes()
+        assert (tmp_path / "threads" / name).read_bytes() == expected
+        assert (tmp_path / "rest" / name).read_bytes() == expected
 
 
 def test_any_class_takes_the_place_of_any_other(fmus: Path, tmp_path: Path) -> None:
