@@ -1,4 +1,4 @@
-"""The ArduCopter program as an autopilot FMU, started or attached to over its JSON interface.
+"""ArduCopter, ArduRover or ArduPlane itself as an autopilot FMU, started or attached to over its JSON interface.
 
 Each step sends the motion at t as the reply to the pending servo outputs, which advances ArduPilot's clock to t + h and
 no further, and waits for the servo outputs that follow: the motor commands at t + h. Instances stepped by the same
@@ -6,8 +6,8 @@ master therefore share its clock exactly. MAVLink packets use ArduPilot's first 
 
 ArduPilot must be installed by the user; it is not part of this package. A run often repeats bit for bit, but not always
 (docs/arducopter.md). Two things depend on wall-clock time: MAVLink FTP replies, which a separate thread serves, and
-SYSTEM_TIME before the GPS has a fix. Not here: sensor models (ArduPilot has its own), and vehicles other than
-multirotors.
+SYSTEM_TIME before the GPS has a fix. Not here: sensor models (ArduPilot has its own). Firmwares, frames and servo
+outputs are in `firmware`.
 """
 
 from __future__ import annotations
@@ -30,26 +30,25 @@ from cosim import Model, Output, PacketInput, PacketOutput, Parameter
 from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, payload_start
 from cosim.vehicle import MAX_MOTORS, Airframe, inputs_for
 from cosim.verdict import Bound, Role
+from cosim_models.ardupilot.firmware import FRAMES, Firmware, Frame, commands_of, program_of
 from cosim_models.ardupilot.json_interface import PORT, Link, Servos, encode_motion
 
 __all__ = ["ArduPilotSITL"]
 
 _SERIAL = 5760
 """TCP port of the first serial port of instance 0; instance n uses _SERIAL + 10 n."""
-_FRAMES = {Airframe.quad_x: 1, Airframe.hexa_x: 2, Airframe.octa_x: 3}
-"""FRAME_CLASS for each airframe; FRAME_TYPE is 1 (X)."""
 _START_TIME = 1735689600
 """Initial date of ArduPilot's clock, 2025-01-01 UTC [s since 1970]; the default is today, so that no run would repeat.
 """
 _HEARTBEAT, _ARMED, _STANDBY, _AUTOPILOT = 0, 128, 3, 1
 _MOTION = ("angular_velocity", "specific_force", "position", "velocity", "attitude")
-_SLOWEST = 1.0 / 720.0
-"""Step size [s] above which ArduCopter, with its 400 Hz loop, refuses to arm: the gyro rate must be 1.8 times higher.
-"""
+_GYRO_RATE = 1.8
+"""The least rate of the gyro, thus of steps, with which ArduPilot arms: times that of its loop."""
 _NO_BINARY = (
     "there is no ArduPilot to start: set the environment variable ARDUPILOT_SITL or the parameter `executable` to the "
-    "path of an `arducopter` for SITL (https://ardupilot.org/dev/docs/sitl-simulator-software-in-the-loop.html says "
-    "how to get one). Or set `attach` to true and start it yourself"
+    "path of an `arducopter`, `ardurover` or `arduplane` for SITL "
+    "(https://ardupilot.org/dev/docs/sitl-simulator-software-in-the-loop.html says how to get one). Or set `attach` to "
+    "true and start it yourself"
 )
 
 
@@ -170,13 +169,14 @@ def _packets(data: bytes, limit: int) -> tuple[bytes, int]:
 
 
 class ArduPilotSITL(Model):
-    """The original ArduCopter over its JSON interface: an autopilot with the ports of Autopilot. Steps of 1 ms."""
+    """The original ArduPilot over its JSON interface: an autopilot with the ports of Autopilot. Steps of 1 ms."""
 
     step_size = 0.001
     _end: weakref.finalize[..., ArduPilotSITL] | None = None
     _waits = False
+    _frame: Frame
     variables = (
-        *inputs_for(*_FRAMES),
+        *inputs_for(*FRAMES),
         PacketInput("mavlink_rx", capacity=2048, description="packets received"),
         Parameter(
             "SYSID_THISMAV",
@@ -243,7 +243,7 @@ class ArduPilotSITL(Model):
             verdict=Role.ARMED,
             description="the motors may turn, according to the last HEARTBEAT",
         ),
-        Output("mode", type=int, start=0, description="flight mode, by ArduCopter's number"),
+        Output("mode", type=int, start=0, description="mode, by the firmware's number"),
         Output("on_ground", type=bool, start=True, description="on the ground, according to ArduPilot"),
         Output("clock", unit="s", start=0.0, description="ArduPilot's clock: the time of the last reply"),
         Output(
@@ -265,9 +265,10 @@ class ArduPilotSITL(Model):
 
     def initialize(self) -> None:
         """Checks the airframe; ArduPilot starts only when all inputs are known."""
-        if int(self.m.airframe) not in _FRAMES:
-            frames = ", ".join(frame.name for frame in _FRAMES)
-            raise ValueError(f"airframe {int(self.m.airframe)}: ArduCopter has frames for {frames}")
+        if int(self.m.airframe) not in FRAMES:
+            frames = ", ".join(frame.name for frame in FRAMES)
+            raise ValueError(f"airframe {int(self.m.airframe)}: ArduPilot has frames for {frames}")
+        self._frame = FRAMES[Airframe(int(self.m.airframe))]
 
     def exit_initialization_mode(self) -> None:
         """Starts or finds ArduPilot and waits for its first servo outputs."""
@@ -308,18 +309,18 @@ class ArduPilotSITL(Model):
             raise
 
     def _start(self, number: int, folder: Path) -> subprocess.Popen[bytes]:
-        m, strings = self.m, self.strings
+        strings = self.strings
         executable = strings["executable"] or os.environ.get("ARDUPILOT_SITL", "")
         if not executable:
             raise RuntimeError(_NO_BINARY)
-        path = Path(executable).resolve()
+        path = program_of(self._frame.firmware, Path(executable).resolve())
         if not os.access(path, os.X_OK) or not path.is_file():
             raise RuntimeError(f"{path} is not an executable program; {_NO_BINARY}")
         folder.mkdir(parents=True, exist_ok=True)
         frame = folder / "frame.parm"
-        frame.write_text(f"FRAME_CLASS {_FRAMES[Airframe(int(m.airframe))]}\nFRAME_TYPE 1\n")
+        frame.write_text(self._frame.parameters)
         self._log_file = folder / "ardupilot.log"
-        arguments = self._arguments(number, [*_defaults(strings["defaults"], path), frame])
+        arguments = self._arguments(number, [*_defaults(strings["defaults"], path, self._frame.firmware), frame])
         with self._log_file.open("wb") as log:
             self._process = subprocess.Popen(
                 [str(path), *arguments], cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT
@@ -358,8 +359,13 @@ class ArduPilotSITL(Model):
         m = self.m
         if self._waits:
             self._finish()
-        if h > _SLOWEST and m["clock"] == 0.0:
-            self.log(f"steps of {h:g} s are too long for ArduCopter's loop of 400 Hz: it will not arm above 1.38 ms")
+        firmware = self._frame.firmware
+        if h * _GYRO_RATE * firmware.loop > 1.0 and m["clock"] == 0.0:
+            most = 1000.0 / (_GYRO_RATE * firmware.loop)
+            self.log(
+                f"steps of {h:g} s are too long for {firmware.name}'s loop of {firmware.loop:g} Hz: it will not arm "
+                f"above {math.floor(100.0 * most) / 100.0:g} ms"
+            )
         self._serial.write(self._received[: m["mavlink_rx_len"]].tobytes())
         self._link.reply(encode_motion(t + h, **{name: values.tolist() for name, values in self._motion.items()}))
         self._waits = True
@@ -382,7 +388,7 @@ class ArduPilotSITL(Model):
         self._hear()
 
     def _set_motors(self, servos: Servos) -> None:
-        self.m["motor"] = [min(max((pulse - 1000) / 1000.0, 0.0), 1.0) for pulse in servos.pwm[:MAX_MOTORS]]
+        self.m["motor"] = commands_of(self._frame.firmware, servos.pwm)
 
     def _hear(self) -> None:
         """Passes packets of the serial port to the output; the heartbeat sets ArduPilot's status."""
@@ -404,7 +410,7 @@ class ArduPilotSITL(Model):
             payload = packets[first : first + 9].ljust(9, b"\0")
             m["mode"] = int.from_bytes(payload[:4], "little", signed=True)
             m["armed"] = bool(payload[6] & _ARMED)
-            m["on_ground"] = payload[7] <= _STANDBY
+            m["on_ground"] = payload[7] <= _STANDBY or not self._frame.firmware.flies
 
     def terminate(self) -> None:
         """Ends ArduPilot if it was started here."""
@@ -422,8 +428,8 @@ def _end(link: Link, serial: _Serial, processes: list[subprocess.Popen[bytes]], 
         shutil.rmtree(passing, ignore_errors=True)
 
 
-def _defaults(given: str, executable: Path) -> list[Path]:
-    """Returns the parameter files: those given, else ArduPilot's own for a copter if the program lies in its source
+def _defaults(given: str, executable: Path, firmware: Firmware) -> list[Path]:
+    """Returns the parameter files: those given, else ArduPilot's own for the firmware if the program lies in its source
     tree.
     """
     files = [Path(name.strip()).resolve() for name in given.split(",") if name.strip()]
@@ -431,6 +437,6 @@ def _defaults(given: str, executable: Path) -> list[Path]:
         if not file.is_file():
             raise RuntimeError(f"defaults: no such file: {file}")
     if not files and len(executable.parents) > 3:
-        own = executable.parents[3] / "Tools" / "autotest" / "default_params" / "copter.parm"
-        files = [own] if own.is_file() else []
+        folder = executable.parents[3] / "Tools" / "autotest"
+        files = [own for name in firmware.defaults if (own := folder / name).is_file()][:1]
     return files

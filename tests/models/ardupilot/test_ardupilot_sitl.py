@@ -20,6 +20,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim.vehicle import Airframe
+from cosim_models.ardupilot.firmware import FRAMES, commands_of
 from cosim_models.ardupilot.json_interface import Link, Servos, decode_servos, encode_motion
 from cosim_models.ardupilot.sitl import ArduPilotSITL, _packets
 
@@ -328,6 +330,50 @@ def test_it_is_started_with_what_it_needs(flight: Any, tmp_path: Path) -> None:
     assert Path(second).read_text() == "FRAME_CLASS 2\nFRAME_TYPE 1\n"
 
 
+def test_servo_outputs_mean_what_the_firmware_says() -> None:
+    """Rover: steering 1, throttle 3; Plane: aileron 1, elevator 2, throttle 3, rudder 4; what is off is at rest."""
+    pulses = (2000, 1250, 1750, 1100, 1300, 1400, 1500, 1600, *8 * (0,))
+    assert commands_of(FRAMES[Airframe.hexa_x].firmware, pulses) == [1.0, 0.25, 0.75, 0.1, 0.3, 0.4, 0.5, 0.6]
+    assert commands_of(FRAMES[Airframe.rover].firmware, pulses) == [1.0, 0.75, *6 * [0.0]]
+    assert commands_of(FRAMES[Airframe.plane].firmware, pulses) == [1.0, 0.25, 0.75, 0.1, *4 * [0.0]]
+    assert commands_of(FRAMES[Airframe.quadplane].firmware, pulses) == [1.0, 0.25, 0.75, 0.1, 0.3, 0.4, 0.5, 0.6]
+    off = 16 * (0,)
+    assert commands_of(FRAMES[Airframe.boat].firmware, off) == [0.5, 0.5, *6 * [0.0]]
+    assert commands_of(FRAMES[Airframe.plane].firmware, off) == [0.5, 0.5, 0.0, 0.5, *4 * [0.0]]
+    assert commands_of(FRAMES[Airframe.quad_x].firmware, (900, 2100)) == [0.0, 1.0, *6 * [0.0]]
+
+
+@pytest.mark.parametrize(
+    ("airframe", "program", "parameters"),
+    [
+        (Airframe.rover, "ardurover", "FRAME_CLASS 1\n"),
+        (Airframe.boat, "ardurover", "FRAME_CLASS 2\n"),
+        (Airframe.plane, "arduplane", ""),
+        (Airframe.quadplane, "arduplane", "Q_ENABLE 1\nQ_FRAME_CLASS 1\nQ_FRAME_TYPE 1\n"),
+    ],
+)
+def test_the_firmware_beside_arducopter_is_started(
+    flight: Any, tmp_path: Path, airframe: Airframe, program: str, parameters: str
+) -> None:
+    one = flight()
+    one.slave.m.airframe = airframe
+    with pytest.raises(RuntimeError, match=rf"arducopter is ArduCopter, but .*there is no .*/{program}; set"):
+        one.begin()
+    (tmp_path / program).write_text((tmp_path / "arducopter").read_text())
+    (tmp_path / program).chmod(0o755)
+    another = flight()
+    another.slave.m.airframe = airframe
+    another.begin()
+    given = another.log()[0]
+    assert Path(given["defaults"].split(",")[-1]).read_text() == parameters
+    assert another.slave._process.args[0] == str(tmp_path / program)
+    for k in range(3):
+        another.step(k, height=50.0)
+    surface = airframe in (Airframe.rover, Airframe.boat)
+    expected = [0.5, 0.0] if surface else [0.5, 0.0, 0.0, 0.0]  # channel 1: 10 us for each metre, the others low
+    assert list(another.slave.m.motor[: len(expected)]) == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("channels", [16, 32])
 def test_it_steps_with_the_master_and_flies_what_it_is_told(flight: Any, channels: int) -> None:
     one = flight({"channels": channels})
@@ -442,7 +488,11 @@ def test_without_an_executable_the_error_says_how_to_get_one(flight: Any, monkey
         ({"mute": True}, {"start_timeout": 0.5}, r"ArduPilot has sent no servo outputs for 0\.5 s"),
         ({}, {"attach": True, "start_timeout": 0.2}, r"no ArduPilot at tcp:127\.0\.0\.1:8160 within 0\.2 s"),
         ({}, {"defaults": "/no/such.parm"}, r"defaults: no such file: /no/such\.parm"),
-        ({}, {"airframe": 0}, r"airframe 0: ArduCopter has frames for quad_x, hexa_x, octa_x"),
+        (
+            {},
+            {"airframe": 0},
+            r"airframe 0: ArduPilot has frames for quad_x, hexa_x, octa_x, y6, .*, rover, boat, plane, quadplane",
+        ),
     ],
 )
 def test_what_can_go_wrong_at_the_start(flight: Any, how: dict[str, Any], values: Any, expected: str) -> None:
