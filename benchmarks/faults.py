@@ -9,7 +9,8 @@ do not return, or fill their memory, at the first call of each function that a r
   _exit(), `repair` names the last call; one that does not return is named before two signals end it;
 - readable: the recording can be read, and its rows are the first ones of a run without faults; if the FMU is isolated,
   none is missing of the steps that all instances have made;
-- clean: no process, descriptor or temporary folder remains.
+- clean: no process, descriptor or temporary folder remains, after the next run if the process was killed or has called
+  _exit().
 
 Faults in the process of the run happen in a process of their own, whose memory is limited. --only chooses faults.
 """
@@ -36,6 +37,7 @@ import pyarrow.parquet as pq
 
 from benchmarks.report import machine, show, write
 from cosim_master import RunOptions, simulate
+from cosim_master.files import temporary
 from cosim_master.fmi.description.read import platform
 from cosim_master.fmi.isolation.child import Limits
 from cosim_master.fmi.slaves.isolated import Isolation
@@ -142,6 +144,7 @@ def try_here(system: Path, out: Path, fault: str, function: str, whole: Any) -> 
         end_by_signals(child, said)
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     named = is_named(fault, function, code, said.read_text(encoding="utf-8"), out)
+    temporary.remove(temporary.made())  # as the next run does
     clean = leftovers() <= before
     try:
         rows = signals(out)
@@ -165,7 +168,7 @@ def end_by_signals(child: int, said: Path) -> None:
 def is_named(fault: str, function: str, code: int, said: str, out: Path) -> bool:
     """Whether something says which function of `bad` was called."""
     if fault == "sleep":
-        return code == -signal.SIGINT and bool(re.search(f"bad: {function} failed .*has not returned", said))
+        return code == -signal.SIGINT and bool(re.search(f"bad: {function} failed.*has not returned", said))
     if fault not in ("_exit", "kill"):
         return code == 1 and f"error: bad: {function} failed" in said
     if code != (3 if fault == "_exit" else -signal.SIGKILL) or not (out / "manifest.json").is_file():

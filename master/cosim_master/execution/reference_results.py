@@ -9,8 +9,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +20,7 @@ import pyarrow.parquet as pq
 from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.files import archive
+from cosim_master.files import archive, temporary
 from cosim_master.files.xml import parse
 
 __all__ = ["Difference", "Verdict", "against_reference"]
@@ -87,7 +85,7 @@ def against_reference(
         SystemDescriptionError: the reference is missing, or has no column that can be compared.
         CosimError: the run failed.
     """
-    folder = Path(tempfile.mkdtemp(prefix="uav-cosim-"))
+    folder = temporary.made()
     try:
         inputs = None
         source = str(reference)
@@ -106,7 +104,7 @@ def against_reference(
         (instance,) = json.loads((folder / "out" / "manifest.json").read_text(encoding="utf-8"))["instances"]
         return _compared(source, times, columns, table, instance, tolerance)
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        temporary.remove(folder)
 
 
 def _own(path: Path, folder: Path) -> tuple[Path, Path | None, str]:

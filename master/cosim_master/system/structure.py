@@ -6,7 +6,6 @@ The description is plain data, which has not been compared with FMUs. `reading.r
 
 from __future__ import annotations
 
-import shutil
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from typing import Literal, Self, TypeAlias
 from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, Where
+from cosim_master.files import temporary
 from cosim_master.fmi.description.units import Unit
 
 __all__ = [
@@ -292,9 +292,10 @@ Element: TypeAlias = Component | System | SignalDictionaryReference
 class ExtractedArchive:
     """The temporary folder with an unpacked .ssp. It is removed when closed, or with the last reference to it."""
 
-    def __init__(self, directory: Path) -> None:
-        self.directory = directory
-        self._remove = weakref.finalize(self, shutil.rmtree, directory, ignore_errors=True)
+    def __init__(self) -> None:
+        made = temporary.made()
+        self.directory = made.resolve()
+        self._remove = weakref.finalize(self, temporary.remove, made)
 
     def close(self) -> None:
         self._remove()

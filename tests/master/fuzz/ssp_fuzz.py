@@ -221,12 +221,14 @@ def described_once() -> Any:
     original: Callable[..., FmuDescription] = descriptions.describe
     known: dict[Any, FmuDescription] = {}
 
-    def describe(path: Path, sizes: Mapping[str, int] | None = None, implementation: str = "any") -> FmuDescription:
+    def describe(
+        path: Path, sizes: Mapping[str, int] | None = None, implementation: str = "any", runs: str = ""
+    ) -> FmuDescription:
         if not path.is_file():
-            return original(path, sizes, implementation)
-        key = path.resolve(), path.stat().st_size, tuple(sorted((sizes or {}).items())), implementation
+            return original(path, sizes, implementation, runs)
+        key = path.resolve(), path.stat().st_size, tuple(sorted((sizes or {}).items())), implementation, runs
         if key not in known:
-            known[key] = original(path, sizes, implementation)
+            known[key] = original(path, sizes, implementation, runs)
         return known[key]
 
     descriptions.describe = describe  # type: ignore[assignment]

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -294,7 +293,7 @@ class _Reading:
                 for name in slave.columns.names:
                     ports.setdefault(name, Connector(name, "output", slave.where, "Real"))
             if self._archive is None:
-                self._archive = ExtractedArchive(Path(tempfile.mkdtemp(prefix="msim-")).resolve())
+                self._archive = ExtractedArchive()
             type, source = "text/csv", self._archive.directory / f"{slave.name}.csv"
             slave.columns.write(source)
         return Component(slave.name, type, source, "any", tuple(ports.values()), bindings, (), slave.where)

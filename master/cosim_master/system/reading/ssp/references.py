@@ -7,7 +7,6 @@ file. The contents of the files are not interpreted here.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -80,7 +79,7 @@ class Files:
         """
         key = file.path.resolve()
         if key not in self.folders:
-            opened = ExtractedArchive(Path(tempfile.mkdtemp(prefix="ssp-")).resolve())
+            opened = ExtractedArchive()
             self.archives.append(opened)
             left = archive.MAX_BYTES - self.unpacked_bytes
             self.unpacked_bytes += archive.unpack(file.path, opened.directory, file.shown, limit=left)
