@@ -181,6 +181,18 @@ def test_the_master(place: Path, lines: str, algorithm: str, tolerance: float, n
     assert any(note in one for one in notes) if note else not notes
 
 
+def test_adjusted_steps_end_with_the_run(place: Path, tmp_path: Path) -> None:
+    """0.14 s does not divide 0.7 s + 0.02 s; MasterSim ends with a shorter step."""
+    times = "tStart 0 s\ntEnd 0.72 s\nhStart 0.14 s\nhMin 1e-5 s\nhMax 0.14 s\nadjustStepSize yes\n"
+    project = written(place, times, "ErrorControlMode STEP_DOUBLING\n", PAIR.format(cycle=0), "graph a.y b.u\n")
+    master, notes = settings(project)
+    assert (master.algorithm, master.maximum_step) == ("richardson", 140_000_000)
+    assert master.tolerance == pytest.approx(1e-6 / 0.14)
+    text = "hStart, 0.14 s, does not divide the run: the first step and the grid of rows are 0.02 s"
+    assert any(text in note for note in notes)
+    assert rows(project, tmp_path / "out", "time")[0][-1] == 0.72
+
+
 @pytest.mark.parametrize(
     ("line", "expected"),
     [

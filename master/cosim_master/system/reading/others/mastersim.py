@@ -12,6 +12,7 @@ Settings that cannot be followed are errors or notes.
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 from collections.abc import Mapping
@@ -343,8 +344,10 @@ class _Reading:
         if step <= 0.0:
             self._problem(self._where("hStart"), "hStart must be positive, and tEnd later than tStart")
             step = 1.0
+        if (master := self._master(step)) is not None and master["algorithm"] == "richardson":
+            step = self._grid(step)
         made = [annotation("org.uav-cosim.stepping", "stepping", {"stepSize": repr(step)}, self._where("hStart"))]
-        if (master := self._master(step)) is not None:
+        if master is not None:
             made.append(annotation("org.uav-cosim.master", "master", master, self._where("MasterMode")))
         rows = self._time("hOutputMin")
         if rows > step * (1 + 1e-9):
@@ -365,6 +368,19 @@ class _Reading:
         if ignored:
             self.notes.append(f"{where}: {MASTERSIM_IGNORED.text('; '.join(ignored))}")
         return tuple(made)
+
+    def _grid(self, step: float) -> float:
+        """Returns the grid of adjusted steps: hStart, or its largest part of at least a thousandth that divides the run.
+
+        MasterSim shortens the last step to end at tEnd; here, steps end at the rows of a grid.
+        """
+        whole, run = round(step * 1e9), round((self._time("tEnd") - self._time("tStart")) * 1e9)
+        part = math.gcd(whole, run)
+        if part == whole or part * 1000 < whole:
+            return step
+        text = f"hStart, {step:g} s, does not divide the run: the first step and the grid of rows are {part / 1e9:g} s"
+        self.notes.append(f"{self._where('hStart')}: {text}")
+        return part / 1e9
 
     def _master(self, step: float) -> dict[str, str] | None:
         """Returns the attributes of our master; None for Jacobi with fixed steps."""
