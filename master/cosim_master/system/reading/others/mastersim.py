@@ -370,7 +370,7 @@ class _Reading:
         return tuple(made)
 
     def _grid(self, step: float) -> float:
-        """Returns the grid of adjusted steps: hStart, or its largest part of at least a thousandth that divides the run.
+        """Returns the grid of adjusted steps: hStart, or its largest part (down to a thousandth) that divides the run.
 
         MasterSim shortens the last step to end at tEnd; here, steps end at the rows of a grid.
         """
