@@ -5,6 +5,7 @@
     Output("age", unit="s", verdict=Bound(most="stale_time", text="its neighbour is not heard"))
     Output("position", shape=3, unit="m", verdict=Role.POSITION)
     Output("target", unit="m", verdict=Formation(step="step", neighbours=(Neighbour("left", "gain"),)))
+    Output("mode", type=Mode, verdict=Logged((("MODE", "mode"), ("ATT", "q"))))
 
 The declarations are written to the vendor annotation `org.uav-cosim.verdict` of the model description (`cosim.build`).
 A master reads them to judge and draw the behaviour of a swarm, to write systems, and to find the ports of gateways.
@@ -24,6 +25,7 @@ __all__ = [
     "Bound",
     "Condition",
     "Formation",
+    "Logged",
     "Neighbour",
     "Reason",
     "Role",
@@ -149,6 +151,18 @@ class Rotors:
         return (self.forward, self.right, self.down, self.direction)
 
 
+@dataclass(frozen=True, slots=True)
+class Logged:
+    """An output of an instance whose inner values a DataFlash log shows.
+
+    Attributes:
+        variables: pairs of a place in such a log and the variable that it shows, e.g. ("ATT.Des", "attitude_target").
+            `cosim_master.results.export.dataflash` lists the places, with units and numbers of elements.
+    """
+
+    variables: tuple[tuple[str, str], ...]
+
+
 class Role(Enum):
     """Role of a variable for a master. The value is the name of the element in the annotation."""
 
@@ -184,7 +198,7 @@ class Role(Enum):
     """Input that may stay unconnected, because its start value is meaningful."""
 
 
-Verdict: TypeAlias = Condition | Reason | Bound | Formation | Rotors | Values | Role
+Verdict: TypeAlias = Condition | Reason | Bound | Formation | Rotors | Logged | Values | Role
 
 
 class Declared(Protocol):
@@ -222,7 +236,7 @@ _PLACES: Mapping[object, tuple[str, tuple[str, ...], tuple[int, ...]]] = {
     Role.ORIGIN_ALTITUDE: ("parameter", ("Real",), _SCALAR),
     Role.SYSTEM_ID: ("parameter", ("Integer",), _SCALAR),
 }
-"""Role, kinds and shape of the variables that may have a verdict, except for ports, Rotors and Values."""
+"""Role, kinds and shape of the variables that may have a verdict, except for ports, Rotors, Logged and Values."""
 
 
 def complaints(variables: Iterable[Declared]) -> list[str]:
@@ -238,6 +252,11 @@ def complaints(variables: Iterable[Declared]) -> list[str]:
             continue
         if isinstance(verdict, Rotors):
             found += _complaints_of_rotors(v, verdict, known)
+            continue
+        if isinstance(verdict, Logged):
+            missing = [name for _, name in verdict.variables if name not in known]
+            found += [f"{v.name}: verdict Logged is for an output"] if v.role != "output" else []
+            found += [f"{v.name}: its verdict refers to {name}, but there is no such variable" for name in missing]
             continue
         if isinstance(verdict, Values):
             if v.role not in ("input", "output") or v.kind != "Enumeration" or v.shape:

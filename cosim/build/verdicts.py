@@ -10,6 +10,7 @@
         <Neighbour id="left_sysid" gain="epsilon"/>
       </Formation>
       <Rotors variable="speed" count="n" forward="x" right="y" down="z" direction="turns"/>
+      <Logged variable="mode"><Value of="ATT.Des" variable="attitude_target"/></Logged>
       <Values variable="airframe" values="1 2 3"/>
       <Optional variable="wind"/>
       <Telemetry variable="telemetry_rx"/>
@@ -26,7 +27,7 @@ from dataclasses import asdict
 from xml.etree.ElementTree import Element, SubElement
 
 from cosim.model import Variable
-from cosim.verdict import Bound, Condition, Formation, Reason, Role, Rotors, Values, Verdict
+from cosim.verdict import Bound, Condition, Formation, Logged, Reason, Role, Rotors, Values, Verdict
 
 __all__ = ["verdicts"]
 
@@ -71,6 +72,9 @@ def _element(name: str, verdict: Verdict) -> Element:
     elif isinstance(verdict, Rotors):
         for name_of, other in asdict(verdict).items():
             element.set(name_of, other)
+    elif isinstance(verdict, Logged):
+        for place, variable in verdict.variables:
+            SubElement(element, "Value", of=place, variable=variable)
     elif isinstance(verdict, Formation):
         for what in ("step", "stays", "begin", "period"):
             if other := getattr(verdict, what):

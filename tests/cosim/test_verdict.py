@@ -12,7 +12,7 @@ from cosim import Input, Model, Output, PacketInput, Parameter
 from cosim.build.description import model_description
 from cosim.build.description3 import model_description3
 from cosim.build.verdicts import verdicts
-from cosim.verdict import Bound, Condition, Formation, Neighbour, Reason, Role, Rotors, Values, complaints
+from cosim.verdict import Bound, Condition, Formation, Logged, Neighbour, Reason, Role, Rotors, Values, complaints
 
 
 class Task(IntEnum):
@@ -52,6 +52,7 @@ VARIABLES = (
     Parameter("n", type=int, start=2),
     Parameter("x", shape=2, unit="m"),
     Parameter("turns", shape=2),
+    Output("shown", verdict=Logged((("ATT", "heading"), ("RATE", "x")))),
     Output("spin", shape=2, unit="rad/s", verdict=Rotors("n", forward="x", right="x", down="x", direction="turns")),
     Input("kind", type=Task, start=Task.wait, verdict=Values((Task.wait, Task.fly))),
     PacketInput("cable", capacity=300, verdict=Role.SERIAL),
@@ -69,6 +70,7 @@ WRITTEN = [
     '<Formation variable="way" step="turn" stays="rests" begin="begin" period="stale">'
     '<Neighbour id="west" gain="gain" /><Neighbour id="west" gain="0.25" /></Formation>',
     '<Attitude variable="heading" />',
+    '<Logged variable="shown"><Value of="ATT" variable="heading" /><Value of="RATE" variable="x" /></Logged>',
     '<Rotors variable="spin" count="n" forward="x" right="x" down="x" direction="turns" />',
     '<Values variable="kind" values="1 2" />',
     '<Serial variable="cable" />',
@@ -125,6 +127,8 @@ def test_fmi_3_has_them_as_an_annotation() -> None:
             Output("y", verdict=Bound(most="limit")),
             "y: its verdict refers to limit, but there is no scalar limit of kind Real or Integer",
         ),
+        (Output("y", verdict=Logged((("ATT", "z"),))), "y: its verdict refers to z, but there is no such variable"),
+        (Input("u", verdict=Logged((("ATT", "u"),))), "u: verdict Logged is for an output"),
         (Output("y", verdict=Role.SERIAL), "y: only a packet port can be SERIAL, this is of kind Real"),
         (
             Parameter("p", verdict=Role.START_POSITION),

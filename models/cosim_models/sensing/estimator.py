@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 from cosim import Input, Memory, Model, Output, Parameter, State, kernel
 from cosim.frames import conjugate, multiply, normalize, rotate, rotate_inverse
 from cosim.vehicle import MOTION_INPUTS, VEHICLE_OUTPUTS, Airframe
-from cosim.verdict import Bound
+from cosim.verdict import Bound, Logged
 from cosim_models.sensing.sensors import (
     begin_sensors,
     is_silent,
@@ -334,7 +334,14 @@ class Estimator(Model):
             verdict=Bound(most=_ASTRAY, text="its estimate is far from the true position"),
             description="distance of the estimate from the true position",
         ),
-        Output("attitude_error", unit="rad", description="angle of the estimate from the true attitude"),
+        Output(
+            "attitude_error",
+            unit="rad",
+            verdict=Logged(
+                (("XKF1.P", "position"), ("XKF1.V", "velocity"), ("XKF1", "attitude"), ("XKF1.G", "gyro_offset_frd"))
+            ),
+            description="angle of the estimate from the true attitude",
+        ),
         Memory("position_ned", shape=3),
         Memory("velocity_ned", shape=3),
         Memory("q", shape=4),

@@ -161,6 +161,7 @@ def test_where_memory_is_not_shared_processes_are_asked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Without --isolate, FMUs run in the process of the run."""
+    isolated._note.cache_clear()  # of tests before
     monkeypatch.setattr(isolating, "DEFAULT", Isolation())
     assert simulate(faulties.system("none none 0"), RunOptions(out=tmp_path / "default")).outcome == "done"
     text = "FMUs run in this process, whose crash would end the run: processes of FMUs have not been tried on Linux"

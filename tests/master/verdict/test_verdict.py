@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.verdict import Bound, Condition, Formation, Neighbour, Role, Rotors
+from cosim.verdict import Bound, Condition, Formation, Logged, Neighbour, Role, Rotors
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.fmi.description.declarations import verdicts_as_json, verdicts_of_json
 from cosim_master.fmi.description.read import describe
@@ -64,7 +64,7 @@ def test_verdicts_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
         ('<Optional variable="y"/>', "it is of causality output, only inputs are optional"),
         (
             '<Great variable="y"/>',
-            "there are Condition, Reason, Bound, Values, Formation, Rotors, Position, Attitude, Velocity",
+            "there are Condition, Reason, Bound, Values, Formation, Rotors, Logged, Position, Attitude, Velocity",
         ),
         ('<Bound variable="y" most="limit"/>', 'there is no parameter "limit"'),
         ('<Bound variable="y" least="low"/>', 'least="low" must be a number'),
@@ -73,6 +73,10 @@ def test_verdicts_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
         ('<Attitude variable="y"/>', "it must be of causality output and type Real, with 4 elements"),
         ('<Rotors variable="n"/>', "it must be of causality output and type Real"),
         ('<Rotors variable="y" count="k"/>', 'there is no parameter "k" of type Integer with 1 elements'),
+        (
+            '<Logged variable="y"><Value of="ATT" variable="q"/></Logged>',
+            '<Value of="ATT"> needs a place in the log, and a variable: there is no "q"',
+        ),
         ('<Serial variable="y"/>', 'its verdict <Serial> of "y" is ignored: it is of type Real and not a packet port'),
         ('<Formation variable="y"/>', "it needs the attribute step, an output"),
         ('<Formation variable="y" step="y"/>', 'output "y" is of type Real, it must be Integer'),
@@ -109,12 +113,17 @@ def test_formations_and_lines_of_an_fmu_of_any_tool_are_read(workshop: Workshop)
 
 def test_attitude_and_rotors_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
     inner = '<Attitude variable="q"/><Rotors variable="w" count="n" forward="x" right="y" down="z" direction="d"/>'
-    outputs = [variable(f"q[{i}]", "output") for i in (1, 2, 3, 4)]
+    inner += '<Logged variable="shown"><Value of="ATT" variable="q"/><Value of="RATE.Out" variable="shown"/></Logged>'
+    outputs = [variable("shown", "output"), *(variable(f"q[{i}]", "output") for i in (1, 2, 3, 4))]
     outputs += [variable(f"w[{i}]", "output") for i in (1, 2)]
     hubs = [variable(f"{name}[{i}]", "parameter") for name in "xyzd" for i in (1, 2)]
     count = variable("n", "parameter", "Integer")
     fmu = describe(workshop.fmu("a.fmu", *outputs, *hubs, count, extra=verdict_tool(inner)))
-    assert fmu.verdicts == {"q": Role.ATTITUDE, "w": Rotors("n", "x", "y", "z", "d")}
+    assert fmu.verdicts == {
+        "q": Role.ATTITUDE,
+        "w": Rotors("n", "x", "y", "z", "d"),
+        "shown": Logged((("ATT", "q"), ("RATE.Out", "shown"))),
+    }
     assert verdicts_of_json(json.loads(json.dumps(verdicts_as_json(fmu.verdicts)))) == fmu.verdicts
     short = describe(workshop.fmu("b.fmu", *outputs, *hubs[:-1], count, extra=verdict_tool(inner)))
     assert "w" not in short.verdicts

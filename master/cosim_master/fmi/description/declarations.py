@@ -18,6 +18,7 @@ from cosim.verdict import (
     Bound,
     Condition,
     Formation,
+    Logged,
     Neighbour,
     Reason,
     Role,
@@ -52,7 +53,8 @@ _TYPES: Mapping[object, tuple[str, tuple[str, ...], int]] = {
     Role.ORIGIN_ALTITUDE: ("parameter", ("Real",), 1),
     Role.SYSTEM_ID: ("parameter", ("Integer",), 1),
 }
-"""Causality, types and number of elements of variables that may have a verdict, except for ports, Rotors and Values."""
+"""Causality, types and number of elements of variables that may have a verdict, except for ports, Rotors, Logged
+and Values."""
 _ROLES = {role.value: role for role in Role}
 
 
@@ -105,9 +107,10 @@ def _read(element: etree._Element) -> Verdict:
         return Formation(neighbours=tuple(map(_neighbour, element.iterfind("Neighbour"))), **others)
     if tag == "Rotors":
         return Rotors(**{field.name: element.get(field.name, "") for field in fields(Rotors)})
-    raise ValueError(
-        f"there are {', '.join(('Condition', 'Reason', 'Bound', 'Values', 'Formation', 'Rotors', *_ROLES))}"
-    )
+    if tag == "Logged":
+        return Logged(tuple((one.get("of", ""), one.get("variable", "")) for one in element.iterfind("Value")))
+    known = ("Condition", "Reason", "Bound", "Values", "Formation", "Rotors", "Logged", *_ROLES)
+    raise ValueError(f"there are {', '.join(known)}")
 
 
 def _neighbour(element: etree._Element) -> Neighbour:
@@ -145,6 +148,13 @@ def _checked(name: str, verdict: Verdict, variables: Mapping[str, Variable]) -> 
         return verdict
     if isinstance(verdict, Rotors):
         _check_rotors(verdict, elements, variables)
+        return verdict
+    if isinstance(verdict, Logged):
+        for place, other in verdict.variables:
+            if not place or not elements_of(other, variables):
+                raise ValueError(
+                    f'<Value of="{place}"> needs a place in the log, and a variable: there is no "{other}"'
+                )
         return verdict
     if isinstance(verdict, Values):
         if len(elements) != 1 or elements[0].causality not in ("input", "output") or elements[0].type != "Enumeration":
@@ -184,7 +194,7 @@ def _check_rotors(verdict: Rotors, speeds: Sequence[Variable], variables: Mappin
 
 
 def verdicts_as_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, Any]]:
-    """Returns roles, formations and rotors by the name of their variable, in the format of `verdicts_of_json`."""
+    """Returns roles, formations, rotors and places in logs by the name of their variable, for `verdicts_of_json`."""
     found: dict[str, dict[str, Any]] = {}
     for name, verdict in verdicts.items():
         if isinstance(verdict, Role):
@@ -193,6 +203,8 @@ def verdicts_as_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, Any
             found[name] = {"is": "Formation", **asdict(verdict)}
         elif isinstance(verdict, Rotors):
             found[name] = {"is": "Rotors", **asdict(verdict)}
+        elif isinstance(verdict, Logged):
+            found[name] = {"is": "Logged", "variables": dict(verdict.variables)}
     return found
 
 
@@ -211,6 +223,8 @@ def verdicts_of_json(told: Mapping[str, Mapping[str, Any]]) -> dict[str, Verdict
             found[name] = Formation(neighbours=neighbours, **told_of)
         elif what == "Rotors":
             found[name] = Rotors(**told_of)
+        elif what == "Logged":
+            found[name] = Logged(tuple(told_of["variables"].items()))
         elif what in _ROLES:
             found[name] = _ROLES[what]
     return found

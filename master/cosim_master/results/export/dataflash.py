@@ -38,25 +38,32 @@ _GRAVITY = 9.80665
 _LEAP = 18  # s by which GPS time is ahead of UTC
 _GPS_BEGIN, _WEEK = 315_964_800, 604_800  # s since 1970, s
 _ARMED, _DISARMED, _LANDED, _FLIES = 10, 11, 18, 28  # EV
-_RADIO, _BATTERY, _STATION, _FENCE, _GPS, _ESTIMATE = 5, 6, 8, 9, 11, 17  # ERR, subsystems
-_GLITCH = 2  # code
+_GPS, _GLITCH = 11, 2  # ERR, subsystem and code
 _CHANGED = 65535  # index of a PARAM_VALUE that tells of a change
-_NAMES = {
-    "q": 4, "position_neu": 3, "velocity_neu": 3, "acceleration_neu": 3, "gyro": 3, "attitude_target": 4,
-    "rate_wanted": 3, "torque": 3, "desired_position": 3, "desired_velocity": 3, "desired_acceleration_neu": 3,
-    "target_velocity_neu": 3, "target_acceleration_neu": 3, "throttle_in": 0, "throttle_command": 0,
-    "throttle_out": 0, "throttle_hover": 0, "home_neu": 3, "motor": 8, "motor_count": 0, "battery_voltage": 0,
-    "battery_current": 0, "battery_used": 0, "battery_energy": 0, "battery_alarm": 0, "fence_breach": 0,
-    "radio_lost": 0, "station_lost": 0, "ekf_failed": 0, "glitching": 0, "armed": 0, "mode": 0, "on_ground": 0,
+_SIZES = {
+    "ATT": 4, "ATT.Des": 4, "RATE": 3, "RATE.Des": 3, "RATE.Out": 3, "RATE.AOut": 0, "PSC.DP": 3, "PSC.P": 3,
+    "PSC.DV": 3, "PSC.TV": 3, "PSC.V": 3, "PSC.DA": 3, "PSC.TA": 3, "PSC.A": 3, "CTUN.ThI": 0, "CTUN.ABst": 0,
+    "CTUN.ThH": 0, "ORGN.1": 3, "MODE": 0, "EV.10": 0, "EV.18": 0, "ERR.5": 0, "ERR.6": 0, "ERR.8": 0, "ERR.9": 0,
+    "ERR.11": 0, "ERR.17": 0, "RCOU": 8, "RCOU.n": 0, "BAT.Volt": 0, "BAT.Curr": 0, "BAT.CurrTot": 0, "BAT.EnrgTot": 0,
 }  # fmt: skip
-"""Signals of an autopilot, with the numbers of their elements; 0: a scalar."""
-_FROM_ESTIMATOR = {"position": 3, "velocity": 3, "attitude": 4, "gyro_offset_frd": 3}
+"""Numbers of elements of the variables that an autopilot declares (`cosim.verdict.Logged`); 0: a scalar.
+
+ATT and ATT.Des: quaternions w, x, y, z that rotate FRD into NED. RATE: rad/s and, .Out, shares of the greatest torque,
+FRD. PSC, and ORGN.1 (home): north, east and up from the local origin, but .DP and .DV: NED; .D: on the shaped path;
+.T: demanded; SI units. RATE.AOut, CTUN.ThI, CTUN.ABst (with the boost for the lean angle), CTUN.ThH: throttle, 0 to 1.
+EV.10 and EV.18: whether it is armed, and on the ground. ERR.n: code of the subsystem n; ERR.11: whether GPS glitches.
+RCOU: (pwm - 1000) / 1000, of the first RCOU.n. BAT: V, A, mAh and J; parameters BAT.Res (V/A), BAT.cell (Ah, 0: never
+empty) and BAT.full (mAh).
+"""
+_USED = ("BAT.Volt", "BAT.Curr", "BAT.CurrTot", "BAT.EnrgTot")
+_FROM_ESTIMATOR = {"XKF1.P": 3, "XKF1.V": 3, "XKF1": 4, "XKF1.G": 3}
+"""Position, velocity (NED), attitude and bias of the gyro (FRD, rad/s) of an estimator."""
 _NED = (1.0, 1.0, -1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class _Recording:
-    """The recorded signals of an instance, by name; (n,) or (n, elements)."""
+    """The recorded signals of an instance, by their places in a log; (n,) or (n, elements)."""
 
     time: Array
     values: Mapping[str, Array]
@@ -68,9 +75,9 @@ class _Recording:
     def __getitem__(self, name: str) -> Array:
         return self.values[name]
 
-    def number(self, parameter: str) -> float:
-        """Returns a parameter; 0 if the instance has none of this name."""
-        value = self.player.parameters.get(parameter, 0.0)
+    def number(self, place: str) -> float:
+        """Returns the parameter that belongs to a place; 0 if the instance has none."""
+        value = self.player.parameters.get(self.player.logged.get(place, ""), 0.0)
         return float(value) if isinstance(value, (int, float)) else 0.0
 
 
@@ -89,10 +96,13 @@ def export(run: Path, file: Path, options: Options) -> list[str]:
         for name, player in known.items():
             if not player.named(Role.ARMED) or not player.named(Role.SYSTEM_ID):
                 continue
-            if f"{name}.q[1]" not in names:
-                notes.append(f"{name}: no log: the run did not record its inner values ({name}.q)")
+            if not player.logged:
+                notes.append(f"{name}: no log: its FMU does not declare which of its variables a log shows")
                 continue
-            autopilot = _read(signals, names, name, player, _NAMES)
+            autopilot = _read(signals, names, name, player, _SIZES)
+            if not autopilot.has("ATT"):
+                notes.append(f"{name}: no log: the run did not record its inner values, as --dataflash does")
+                continue
             if len(autopilot.time) == 0:
                 continue
             log = Log()
@@ -116,15 +126,16 @@ def export(run: Path, file: Path, options: Options) -> list[str]:
 
 def _read(signals: Signals, names: set[str], instance: str, player: Player, wanted: Mapping[str, int]) -> _Recording:
     values: dict[str, Array] = {}
-    for name, size in wanted.items():
-        columns = [f"{instance}.{name}[{i + 1}]" for i in range(size)] or [f"{instance}.{name}"]
+    for place, size in wanted.items():
+        variable = f"{instance}.{player.logged.get(place, '')}"
+        columns = [f"{variable}[{i + 1}]" for i in range(size)] or [variable]
         if all(one in names for one in columns):
             table = signals.read(columns=columns)
             arrays = [_floats(table.column(one)) for one in columns]
-            values[name] = np.stack(arrays, axis=1) if size else arrays[0]
+            values[place] = np.stack(arrays, axis=1) if size else arrays[0]
     time = _floats(signals.read(columns=["time"]).column(0))
-    if "q" in values:  # before the first step it is not a rotation
-        begun = np.einsum("ij,ij->i", values["q"], values["q"]) > 0.5
+    if "ATT" in values:  # before the first step it is not a rotation
+        begun = np.einsum("ij,ij->i", values["ATT"], values["ATT"]) > 0.5
         time, values = time[begun], {name: array[begun] for name, array in values.items()}
     return _Recording(time, values, player)
 
@@ -192,29 +203,29 @@ def _parameter(packet: Packet) -> tuple[str, float] | None:
 def _add_control(log: Log, one: _Recording) -> None:
     """Adds ATT, RATE, PSCN, PSCE, PSCD and CTUN."""
     t = one.time
-    if one.has("attitude_target"):
-        demanded, attitude = _angles(one["attitude_target"]), _angles(one["q"])
+    if one.has("ATT.Des"):
+        demanded, attitude = _angles(one["ATT.Des"]), _angles(one["ATT"])
         log.add("ATT", t, *(of[:, i] for i in range(3) for of in (demanded, attitude)), 3)
-    if one.has("rate_wanted", "gyro", "torque", "target_acceleration_neu", "acceleration_neu", "throttle_out"):
-        wanted, rates, torque = np.degrees(one["rate_wanted"]), np.degrees(one["gyro"]), one["torque"]
+    if one.has("RATE.Des", "RATE", "RATE.Out", "PSC.TA", "PSC.A", "RATE.AOut"):
+        wanted, rates, torque = np.degrees(one["RATE.Des"]), np.degrees(one["RATE"]), one["RATE.Out"]
         axes = [column for i in range(3) for column in (wanted[:, i], rates[:, i], torque[:, i])]
-        up = [100.0 * one[name][:, 2] for name in ("target_acceleration_neu", "acceleration_neu")]
-        log.add("RATE", t, *axes, *up, one["throttle_out"])
-    path = ("desired_position", "desired_velocity")
-    followed = ("position_neu", "target_velocity_neu", "velocity_neu", "desired_acceleration_neu")
-    if one.has(*path, *followed, "target_acceleration_neu", "acceleration_neu"):
+        up = [100.0 * one[name][:, 2] for name in ("PSC.TA", "PSC.A")]
+        log.add("RATE", t, *axes, *up, one["RATE.AOut"])
+    path = ("PSC.DP", "PSC.DV")
+    followed = ("PSC.P", "PSC.TV", "PSC.V", "PSC.DA")
+    if one.has(*path, *followed, "PSC.TA", "PSC.A"):
         for i, axis in enumerate("NED"):
             place, target_v, v, desired_a, target_a, a = (
-                one[name][:, i] * _NED[i] for name in (*followed, "target_acceleration_neu", "acceleration_neu")
+                one[name][:, i] * _NED[i] for name in (*followed, "PSC.TA", "PSC.A")
             )
             wanted_p, wanted_v = (one[name][:, i] for name in path)
             log.add(f"PSC{axis}", t, wanted_p, place, wanted_v, target_v, v, desired_a, target_a, a)
-    throttle = ("throttle_in", "throttle_command", "throttle_out", "throttle_hover")
-    if one.has(*throttle, *path, "position_neu", "velocity_neu", "home_neu"):
+    throttle = ("CTUN.ThI", "CTUN.ABst", "RATE.AOut", "CTUN.ThH")
+    if one.has(*throttle, *path, "PSC.P", "PSC.V", "ORGN.1"):
         given, boosted, out, hover = (one[name] for name in throttle)
-        home = one["home_neu"][:, 2]
-        wanted, height = -one["desired_position"][:, 2] - home, one["position_neu"][:, 2] - home
-        climb, rate = -one["desired_velocity"][:, 2], one["velocity_neu"][:, 2]
+        home = one["ORGN.1"][:, 2]
+        wanted, height = -one["PSC.DP"][:, 2] - home, one["PSC.P"][:, 2] - home
+        climb, rate = -one["PSC.DV"][:, 2], one["PSC.V"][:, 2]
         none = math.nan  # no rangefinder
         log.add(
             "CTUN", t, given, boosted - given, out, hover, wanted, height, height, none, none, 0.0, 100.0 * climb,
@@ -233,42 +244,36 @@ def _begins(values: Array) -> np.ndarray[Any, np.dtype[np.bool_]]:
 def _add_state(log: Log, one: _Recording) -> None:
     """Adds MODE, EV, ERR, RCOU and BAT."""
     t = one.time
-    if one.has("mode"):
-        rows = _begins(one["mode"])
+    if one.has("MODE"):
+        rows = _begins(one["MODE"])
         rows[0] = True
-        log.add("MODE", t[rows], one["mode"][rows], one["mode"][rows], 0)
-    for name, on, off in (("armed", _ARMED, _DISARMED), ("on_ground", _LANDED, _FLIES)):
-        if one.has(name):
-            rows = _begins(one[name])
-            log.add("EV", t[rows], np.where(one[name][rows] > 0.0, on, off))
-    for name, system in (
-        ("radio_lost", _RADIO),
-        ("battery_alarm", _BATTERY),
-        ("station_lost", _STATION),
-        ("fence_breach", _FENCE),
-        ("glitching", _GPS),
-        ("ekf_failed", _ESTIMATE),
-    ):
-        if one.has(name):
-            rows = _begins(one[name])
-            code = _GLITCH * one[name] if system == _GPS else one[name]
-            log.add("ERR", t[rows], system, code[rows])
-    if one.has("motor", "motor_count"):
-        pulses = [1000.0 + 1000.0 * one["motor"][:, i] for i in range(8)]
-        channels = [np.where(i < one["motor_count"], pulses[i], 0.0) if i < 8 else 0.0 for i in range(14)]
+        log.add("MODE", t[rows], one["MODE"][rows], one["MODE"][rows], 0)
+    for place, on, off in (("EV.10", _ARMED, _DISARMED), ("EV.18", _LANDED, _FLIES)):
+        if one.has(place):
+            rows = _begins(one[place])
+            log.add("EV", t[rows], np.where(one[place][rows] > 0.0, on, off))
+    for place in _SIZES:
+        message, _, system = place.partition(".")
+        if message == "ERR" and one.has(place):
+            rows = _begins(one[place])
+            code = one[place] * (_GLITCH if int(system) == _GPS else 1)
+            log.add("ERR", t[rows], int(system), code[rows])
+    if one.has("RCOU", "RCOU.n"):
+        pulses = [1000.0 + 1000.0 * one["RCOU"][:, i] for i in range(8)]
+        channels = [np.where(i < one["RCOU.n"], pulses[i], 0.0) if i < 8 else 0.0 for i in range(14)]
         log.add("RCOU", t, *channels)
-    if one.has("battery_voltage", "battery_current", "battery_used", "battery_energy"):
+    if one.has(*_USED):
         _add_battery(log, one)
 
 
 def _add_battery(log: Log, one: _Recording) -> None:
     rows = _at_most(one.time, 10.0)
-    volts, current, used, energy = (one[f"battery_{name}"][rows] for name in ("voltage", "current", "used", "energy"))
-    resistance = one.number("battery_resistance") if one.number("SIM_BATT_CAP_AH") > 0.0 else 0.0
-    capacity = one.number("BATT_CAPACITY")
+    volts, current, used, energy = (one[place][rows] for place in _USED)
+    ohms = one.number("BAT.Res") if one.number("BAT.cell") > 0.0 else 0.0
+    capacity = one.number("BAT.full")
     left = np.clip(np.floor(100.0 * (1.0 - used / capacity)), 0.0, 100.0) if capacity > 0.0 else 255
     log.add(
-        "BAT", one.time[rows], 0, volts, volts + resistance * current, current, used, energy / 3600.0, 0.0, resistance,
+        "BAT", one.time[rows], 0, volts, volts + ohms * current, current, used, energy / 3600.0, 0.0, ohms,
         left,
     )  # fmt: skip
 
@@ -284,23 +289,23 @@ def _at_most(time: Array, rate: float) -> np.ndarray[Any, np.dtype[np.int64]]:
 def _add_sensed(log: Log, one: _Recording, origin: Origin | None) -> None:
     """Adds IMU, ORGN, POS and GPS."""
     t = one.time
-    if one.has("gyro", "acceleration_neu"):
-        gyro, force = one["gyro"], _specific_force(one["q"], one["acceleration_neu"] * _NED)
+    if one.has("RATE", "PSC.A"):
+        gyro, force = one["RATE"], _specific_force(one["ATT"], one["PSC.A"] * _NED)
         every = t[1] - t[0] if len(t) > 1 else 0.0
         rate = round(1.0 / every) if every > 0.0 else 0
         columns = [*gyro.T, *force.T]
         log.add("IMU", t, 0, *columns, 0, 0, math.nan, 1, 1, rate, rate)
-    if origin is None or not one.has("position_neu", "velocity_neu", "home_neu"):
+    if origin is None or not one.has("PSC.P", "PSC.V", "ORGN.1"):
         return
     place = np.array([[math.degrees(origin.latitude), math.degrees(origin.longitude), origin.altitude]])
-    home = geodetic(one["home_neu"][-1:] * _NED, origin)
+    home = geodetic(one["ORGN.1"][-1:] * _NED, origin)
     for kind, at in enumerate((place, home)):
         log.add("ORGN", t[:1], kind, *at.T)
-    up = one["position_neu"][:, 2]
-    on_earth = geodetic(one["position_neu"] * _NED, origin)
-    log.add("POS", t, *on_earth.T, up - one["home_neu"][:, 2], up)
+    up = one["PSC.P"][:, 2]
+    on_earth = geodetic(one["PSC.P"] * _NED, origin)
+    log.add("POS", t, *on_earth.T, up - one["ORGN.1"][:, 2], up)
     rows = _at_most(t, 5.0)
-    north, east, rising = one["velocity_neu"][rows].T
+    north, east, rising = one["PSC.V"][rows].T
     seconds = EPOCH // 1_000_000 - _GPS_BEGIN + _LEAP
     week, into = divmod(seconds + t[rows], _WEEK)
     log.add(
@@ -326,14 +331,14 @@ def _specific_force(q: Array, acceleration: Array) -> Array:
 def _add_estimate(
     log: Log, signals: Signals, names: set[str], name: str, known: Mapping[str, Player], origin: Origin | None
 ) -> None:
-    """Adds XKF1 of an estimator in the same system: an instance with the outputs of a vehicle that is none."""
+    """Adds XKF1 of an estimator in the same system."""
     place = name.rpartition(".")[0]
     for other, player in known.items():
-        if other.rpartition(".")[0] != place or player.named(Role.POSITION):
+        if other.rpartition(".")[0] != place:
             continue
         one = _read(signals, names, other, player, _FROM_ESTIMATOR)
         if one.has(*_FROM_ESTIMATOR):
-            angles, v, p = _angles(one["attitude"]), one["velocity"], one["position"]
-            bias = np.degrees(one["gyro_offset_frd"])
+            angles, v, p = _angles(one["XKF1"]), one["XKF1.V"], one["XKF1.P"]
+            bias = np.degrees(one["XKF1.G"])
             height = 0.0 if origin is None else origin.altitude
             log.add("XKF1", one.time, 0, *angles.T, *v.T, v[:, 2], *p.T, *bias.T, height)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.vehicle import ATTITUDE, POSITION, STEP, TARGET
-from cosim.verdict import Formation, Role, Rotors, Verdict
+from cosim.verdict import Formation, Logged, Role, Rotors, Verdict
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.fmi.description.declarations import verdicts_of_json
 from cosim_master.system.flatten.flat import natural
@@ -51,6 +51,13 @@ class Player:
     @property
     def rotors(self) -> tuple[str, Rotors] | None:
         return next(((name, one) for name, one in self.verdicts.items() if isinstance(one, Rotors)), None)
+
+    @property
+    def logged(self) -> Mapping[str, str]:
+        """Variables by the place in a DataFlash log that shows them."""
+        return {
+            place: name for one in self.verdicts.values() if isinstance(one, Logged) for place, name in one.variables
+        }
 
 
 UNKNOWN = Player({}, {})

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from cosim.verdict import Bound, Condition, Reason, Role, Rotors
+from cosim.verdict import Bound, Condition, Logged, Reason, Role, Rotors
 from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.stepping.layout import Layout
 from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
@@ -25,7 +25,7 @@ def watched(checked: CheckedSystem) -> frozenset[tuple[str, str]]:
         (instance.name, element)
         for instance in checked.instances
         for name, verdict in instance.fmu.verdicts.items()
-        if not isinstance(verdict, Rotors) and verdict not in (Role.SYSTEM_ID, Role.OPTIONAL, Role.ATTITUDE)
+        if not isinstance(verdict, (Rotors, Logged)) and verdict not in (Role.SYSTEM_ID, Role.OPTIONAL, Role.ATTITUDE)
         for element in elements_of(name, instance.fmu.variables)
     )
 

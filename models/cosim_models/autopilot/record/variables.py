@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from cosim import Input, Memory, Output, PacketInput, PacketOutput, State
 from cosim.vehicle import MAX_MOTORS, Airframe, inputs_for
-from cosim.verdict import Role
+from cosim.verdict import Logged, Role
 from cosim_models.autopilot.control.pid import PID_STATE, PLANE_STATE
 from cosim_models.autopilot.control.scurve import LEG
 from cosim_models.autopilot.link.links import LINKS
@@ -319,6 +319,48 @@ MEMORY = (
     Memory("mission", shape=(MISSION_CAPACITY, ITEM)),
 )
 
+LOGGED = Logged(
+    (
+        ("ATT", "q"),
+        ("ATT.Des", "attitude_target"),
+        ("RATE.Des", "rate_wanted"),
+        ("RATE", "gyro"),
+        ("RATE.Out", "torque"),
+        ("RATE.AOut", "throttle_out"),
+        ("PSC.DP", "desired_position"),
+        ("PSC.P", "position_neu"),
+        ("PSC.DV", "desired_velocity"),
+        ("PSC.TV", "target_velocity_neu"),
+        ("PSC.V", "velocity_neu"),
+        ("PSC.DA", "desired_acceleration_neu"),
+        ("PSC.TA", "target_acceleration_neu"),
+        ("PSC.A", "acceleration_neu"),
+        ("CTUN.ThI", "throttle_in"),
+        ("CTUN.ABst", "throttle_command"),
+        ("CTUN.ThH", "throttle_hover"),
+        ("ORGN.1", "home_neu"),
+        ("MODE", "mode"),
+        ("EV.10", "armed"),
+        ("EV.18", "on_ground"),
+        ("ERR.5", "radio_lost"),
+        ("ERR.6", "battery_alarm"),
+        ("ERR.8", "station_lost"),
+        ("ERR.9", "fence_breach"),
+        ("ERR.11", "glitching"),
+        ("ERR.17", "ekf_failed"),
+        ("RCOU", "motor"),
+        ("RCOU.n", "motor_count"),
+        ("BAT.Volt", "battery_voltage"),
+        ("BAT.Curr", "battery_current"),
+        ("BAT.CurrTot", "battery_used"),
+        ("BAT.EnrgTot", "battery_energy"),
+        ("BAT.Res", "battery_resistance"),
+        ("BAT.cell", "SIM_BATT_CAP_AH"),
+        ("BAT.full", "BATT_CAPACITY"),
+    )
+)
+"""Inner values in the places of a DataFlash log."""
+
 VARIABLES = (
     *inputs_for(Airframe.quad_x, Airframe.hexa_x, Airframe.octa_x, Airframe.y6, Airframe.quad_plus),
     Input(
@@ -340,7 +382,7 @@ VARIABLES = (
     *PARAMETERS,
     Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
     Output("armed", type=bool, start=False, verdict=Role.ARMED, description="whether the motors may turn"),
-    Output("mode", type=Mode, start=Mode.STABILIZE, description="flight mode, by ArduCopter's number"),
+    Output("mode", type=Mode, start=Mode.STABILIZE, verdict=LOGGED, description="flight mode, by ArduCopter's number"),
     Output("on_ground", type=bool, start=True, description="landed, according to the land detector"),
     Output(
         "target", shape=3, unit="m", start=0.0, description="position of the destination, NED from the local origin"

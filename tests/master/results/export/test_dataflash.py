@@ -43,6 +43,7 @@ def read(logged: tuple[Path, Path]) -> dict[str, list[Any]]:
     while (message := reader.recv_msg()) is not None:
         found[message.get_type()].append(message)
     found["mav_type"] = [reader.mav_type]
+    reader.close()
     return found
 
 
@@ -189,6 +190,7 @@ def test_run_writes_logs_into_its_folder(fmus: Path, tmp_path: Path) -> None:
         assert result.exit_code == 0, result.output
     reader = DFReader_binary(str(tmp_path / "run" / "dataflash" / "drone5.bin"))
     assert reader.recv_match(type="RATE") is not None
+    reader.close()
     assert "drone5.autopilot.rate_wanted[1]" in pq.read_schema(tmp_path / "run" / "signals.parquet").names
 
 

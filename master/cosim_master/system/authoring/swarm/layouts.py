@@ -58,7 +58,7 @@ def _ring(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
 def _v(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
     """Returns positions in a V that points north: the first at the origin, the others to its south-west and south-east.
 
-    The wings are at a right angle. This is the V of the law `FormationFlight`.
+    The wings are at a right angle.
     """
     step = spacing * math.sqrt(0.5)
     ranks = [(i + 1) // 2 for i in range(drones)]
