@@ -166,13 +166,16 @@ def restore(checkpoint: Checkpoint, state: RunState) -> None:
     """Restores the state of the run.
 
     Raises:
-        SystemDescriptionError: the files are damaged.
+        SystemDescriptionError: the files are damaged, or the master of this run needs other data on steps.
         FmuError: an FMU fails to restore its state.
     """
     plan, radio, slaves = state.plan, state.radio, state.slaves
     try:
         with np.load(checkpoint.folder / "state.npz") as file:
             arrays = {name: file[name] for name in file.files}
+        if arrays["step_sizes"].shape != plan.step_sizes.shape:
+            text = "its master has steps of another kind (fixed or variable); go on with the master of the earlier run"
+            raise SystemDescriptionError([Problem(Where(str(checkpoint.folder)), text)])
         _verify(arrays, state)
         for name, array in changing(plan, ROLES, (STATE,)).items():
             array[...] = arrays[name]

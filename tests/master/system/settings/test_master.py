@@ -47,6 +47,22 @@ def test_an_overridden_algorithm_gives_the_bits_of_a_written_one(linears: Any, t
     assert not table("jacobi", written, {}).equals(expected)
 
 
+def test_a_run_goes_on_with_another_master_of_the_same_kind(linears: Any, tmp_path: Path) -> None:
+    linears.fmu()
+    parts = linears.component("b", gain=-0.5, rate=3.0, x0=1.0, step=0.1)
+    system = linears.ssd(parts + linears.component("a", gain=1.0, rate=-1.0, step=0.1), "b/y a/u", "a/y b/u")
+    whole, origin = tmp_path / "whole", f"{tmp_path / 'whole'}@0.5"
+    simulate(system, RunOptions(out=whole, checkpoint_every=0.5))
+    algorithm = {"master.algorithm": "richardson"}
+    with pytest.raises(SystemDescriptionError, match="its master has steps of another kind"):
+        simulate(system, RunOptions(out=tmp_path / "other", origin=origin, overrides=algorithm))
+    algorithm = {"master.algorithm": "gauss-seidel"}
+    result = simulate(system, RunOptions(out=tmp_path / "seidel", origin=origin, overrides=algorithm))
+    assert result.outcome == "done", result.error
+    jacobi, seidel = (pq.read_table(tmp_path / name / "signals.parquet").to_pydict() for name in ("whole", "seidel"))
+    assert jacobi["b.y"][:6] == seidel["b.y"][:6] and jacobi["b.y"][7:] != seidel["b.y"][7:]
+
+
 @pytest.mark.parametrize(
     ("name", "value", "text"),
     [
