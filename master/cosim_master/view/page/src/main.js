@@ -447,7 +447,7 @@ class Viewer {
       return button;
     });
     if (n > 24) {
-      const pick = make('input', { type: 'search', placeholder: `find one of ${n} vehicles`, style: { width: '190px' } });
+      const pick = make('input', { type: 'search', placeholder: `find one of ${n} vehicles`, style: { width: '240px' } });
       pick.addEventListener('keydown', (event) => event.stopPropagation());
       pick.addEventListener('change', () => {
         const text = pick.value.toLowerCase();
