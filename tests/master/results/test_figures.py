@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -14,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.image import imread
 
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.figures.draw import drawn, figures
@@ -291,6 +293,21 @@ def test_pdf_is_written_and_recognised_as_a_figure(tmp_path: Path) -> None:
     assert file.read_bytes().startswith(b"%PDF-") and is_figure(file)
     (tmp_path / "mine.pdf").write_bytes(b"%PDF-1.4 mine")
     assert not is_figure(tmp_path / "mine.pdf")
+
+
+@pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm is not installed")
+def test_another_program_shows_the_pdf_as_the_png(tmp_path: Path) -> None:
+    run = consensus_run(tmp_path, last_step=2)
+    signals, shown = {"same": ["drone3.*[2]"], "other": ["drone2.*[2]"]}, {}
+    for name, patterns in signals.items():
+        pdf, png = sorted(figures(run, tmp_path / name, signals=patterns, formats=("pdf", "png")))
+        subprocess.run(["pdftoppm", "-r", "200", "-png", "-singlefile", pdf, pdf.with_name("seen")], check=True)
+        shown[name] = [imread(file)[:, :, :3] for file in (png, pdf.with_name("seen.png"))]
+    png, seen = shown["same"]
+    high, wide = (min(one) for one in zip(png.shape[:2], seen.shape[:2], strict=True))
+    assert wide >= 1400 and max(np.abs(np.subtract(png.shape, seen.shape))) <= 1  # 7 inches
+    near, far = (np.abs(one[:high, :wide] - png[:high, :wide]).mean() for one in (seen, shown["other"][1]))
+    assert near < 0.01 and near < 0.5 * far
 
 
 def test_errors_are_distances_to_even_spacing_below_the_bound(tmp_path: Path) -> None:
