@@ -218,7 +218,9 @@ class _Writing:
         steps = sorted({one.step_size for one in checked.instances if one.step_size is not None})
         if engine and steps:
             shown = ", ".join(f"{step:g}" for step in steps)
-            self.notes.append(f"the step is {shown} s" + ("; one for all is needed" if len(steps) > 1 else ""))
+            alone = "; one for all is needed" if len(steps) > 1 else ""
+            alone += f"; in Python: setFixedStepSize({steps[0]!r})" if engine == "omsimulator" else ""
+            self.notes.append(f"the step is {shown} s{alone}")
         self._steps = steps
         if engine == "omsimulator" and (changed := [link for link in checked.links if self._linear(link) is not None]):
             ends = ", ".join(".".join(link.target) for link in changed[:3]) + (", ..." if changed[3:] else "")

@@ -130,6 +130,7 @@ def test_the_annotation_of_omsimulator(nested: Path, tmp_path: Path) -> None:
     made = convert(nested, tmp_path / "made", "omsimulator")
     root = etree.parse(str(made.file)).getroot()
     (master,) = root.iter("{*}FixedStepMaster")
+    assert "the step is 0.25 s; in Python: setFixedStepSize(0.25)" in made.notes
     assert dict(master.attrib) == {"description": "oms-ma", "stepSize": "0.25"}
     assert [one.get("type") for one in root.iter(SSC + "Annotation")] == ["org.openmodelica", "org.uav-cosim.stepping"]
 
