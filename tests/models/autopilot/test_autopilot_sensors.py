@@ -185,6 +185,26 @@ def test_a_barometer_that_jumps_is_rejected_for_ten_seconds() -> None:
     assert -copter.v["position"][2] == pytest.approx(23.0, abs=0.5)
 
 
+# ---- compass --------------------------------------------------------------------------------------------------------
+
+
+def test_offsets_of_the_compass_turn_the_heading() -> None:
+    """Level and facing north, 100 mGauss to the right of (230, 51): the angle of the horizontal field turns."""
+    copter = hovering()
+    put(copter, "SIM_MAG1_OFS_Y", 113.0)
+    copter.run(25.0)
+    wrong = math.atan2(51.0, 230.0) - math.atan2(151.0, 230.0)
+    w, _, _, z = (float(x) for x in copter.v["attitude"])
+    turned = 2.0 * math.atan2(z, w)
+    # the autopilot keeps its heading: the vehicle turns by as much to the other side, and the field in its axes too
+    assert copter.m["yaw_error"] == pytest.approx(-turned, abs=0.02)
+    assert abs(turned) == pytest.approx(abs(wrong), rel=0.25) and turned * wrong < 0.0
+    put(copter, "SIM_MAG1_OFS_Y", 13.0)
+    copter.run(45.0)
+    assert not copter.m["sim_on"]
+    assert 2.0 * math.atan2(copter.v["attitude"][3], copter.v["attitude"][0]) == pytest.approx(0.0, abs=0.01)
+
+
 # ---- motors ---------------------------------------------------------------------------------------------------------
 
 

@@ -8,6 +8,7 @@ fails, the estimate has an error, which is added to that motion:
   7 s; the error stays as it is.
 - Jammed GPS: its positions and velocities are nonsense and rejected.
 - Barometer: the same for the height, with a wider gate and a slower gain.
+- Compass: offsets other than the calibrated ones turn the heading of the estimate, slowly.
 
 A reset moves the desired motion, too, so that the vehicle does not jump. Kernels over the autopilot's record `m`.
 
@@ -20,7 +21,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import deg_e7, geodetic_from_local
+from cosim.frames import deg_e7, geodetic_from_local, rotate, wrap_pi
 from cosim.kernel import kernel
 from cosim_models.autopilot.link.statustext import CRITICAL, GLITCH, GLITCH_CLEARED, INFO, NO_NUMBER, USING_GPS, say
 
@@ -32,9 +33,19 @@ _GAIN, _GAIN_UP = 1.0, 0.3  # 1/s
 _RETRY = 10.0  # s after which what is rejected is believed
 _LOST = 7.0  # s without GPS
 _GLITCH_BEGINS, _GLITCH_ENDS = 1.0, 10.0  # s of rejection, and without it
+_GAIN_YAW = 0.2  # 1/s
+_FIELD = (230.0, 51.0, -528.0)  # mGauss, magnetic field at ArduPilot's field near Canberra, NED
+_CALIBRATED = (5.0, 13.0, -18.0)  # mGauss, offsets of the simulated compass
 _NEVER = -1.0
 _NONSENSE = 10.0  # innovation over its gate
 _SAME = 1e-3  # m
+
+
+@kernel
+def _compass_offset(m: Any) -> tuple[float, float, float]:
+    """Returns the offset [mGauss], FRD, that is not calibrated."""
+    c = _CALIBRATED
+    return m.SIM_MAG1_OFS_X - c[0], m.SIM_MAG1_OFS_Y - c[1], m.SIM_MAG1_OFS_Z - c[2]
 
 
 @kernel
@@ -50,7 +61,12 @@ def _is_on(m: Any) -> bool:
         return True
     if m.SIM_GPS1_GLTCH_X != 0.0 or m.SIM_GPS1_GLTCH_Y != 0.0 or m.SIM_GPS1_GLTCH_Z != 0.0:
         return True
+    off = _compass_offset(m)
+    if abs(off[0]) + abs(off[1]) + abs(off[2]) > _SAME:
+        return True
     e = m.estimate_error
+    if m.sim_on and abs(m.yaw_error) > _SAME:
+        return True
     return bool(m.sim_on and (abs(e[0]) + abs(e[1]) + abs(e[2]) > _SAME or m.glitching or m.position_lost))
 
 
@@ -130,6 +146,17 @@ def _watch_barometer(m: Any, t: float) -> None:
 
 
 @kernel
+def _watch_compass(m: Any) -> None:
+    """Sets the rate at which the heading of the estimate moves to that of the compass."""
+    w, x, y, z = m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]
+    fx, fy, fz = rotate((w, -x, -y, -z), _FIELD)
+    off = _compass_offset(m)
+    n, e, _ = rotate((w, x, y, z), (fx + off[0], fy + off[1], fz + off[2]))
+    wrong = math.atan2(_FIELD[1], _FIELD[0]) - math.atan2(e, n)
+    m.yaw_error_rate = _GAIN_YAW * wrap_pi(wrong - m.yaw_error)
+
+
+@kernel
 def watch_sensors(m: Any, t: float) -> None:
     """Updates the errors of the estimate; called ten times a second."""
     was = m.sim_on
@@ -141,17 +168,26 @@ def watch_sensors(m: Any, t: float) -> None:
         m.gps_lost_at = m.gps_rejected_at = m.barometer_rejected_at = _NEVER
         for i in range(3):
             m.estimate_error[i] = m.error_rate[i] = 0.0
+        m.yaw_error = 0.0
     _watch_gps(m, t)
     _watch_glitch(m, t)
     _watch_barometer(m, t)
+    _watch_compass(m)
 
 
 @kernel
 def add_errors(m: Any, dt: float) -> None:
-    """Adds the errors of the estimate to the sensed position."""
+    """Adds the errors of the estimate to the sensed position and heading."""
     for i in range(3):
         m.estimate_error[i] += m.error_rate[i] * dt
         m.position_neu[i] += m.estimate_error[i]
+    m.yaw_error = wrap_pi(m.yaw_error + m.yaw_error_rate * dt)
+    c, s = math.cos(0.5 * m.yaw_error), math.sin(0.5 * m.yaw_error)
+    w, x, y, z = m.q[0], m.q[1], m.q[2], m.q[3]
+    m.q[0], m.q[1], m.q[2], m.q[3] = c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
+    c, s = math.cos(m.yaw_error), math.sin(m.yaw_error)
+    n, e = m.acceleration_neu[0], m.acceleration_neu[1]
+    m.acceleration_neu[0], m.acceleration_neu[1] = c * n - s * e, s * n + c * e
 
 
 @kernel

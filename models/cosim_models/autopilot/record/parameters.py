@@ -338,6 +338,9 @@ SENSOR_PARAMETERS = _rare(
     _signed("SIM_GPS1_GLTCH_Z", "m", 0.0, "GPS: error of the altitude", 1e5),
     _signed("SIM_BARO_DRIFT", "m/s", 0.0, "barometer: drift of the height since the start", 100.0),
     _signed("SIM_BARO_GLITCH", "m", 0.0, "barometer: error of the height", 1e5),
+    _signed("SIM_MAG1_OFS_X", "1", 5.0, "compass: offset forward in mGauss; it is calibrated for 5, 13, -18", 1e4),
+    _signed("SIM_MAG1_OFS_Y", "1", 13.0, "compass: offset to the right in mGauss", 1e4),
+    _signed("SIM_MAG1_OFS_Z", "1", -18.0, "compass: offset down in mGauss", 1e4),
     _whole("SIM_ENGINE_FAIL", 0, "failed motors, sum of 1, 2, 4, ... for the first, second, third, ...", 0, 255),
     _signed("SIM_ENGINE_MUL", "1", 0.0, "share of their commands that failed motors obey", 1.0),
 )

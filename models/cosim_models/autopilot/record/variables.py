@@ -273,6 +273,8 @@ MEMORY = (
     Memory("position_lost", dtype="?"),
     Memory("estimate_error", shape=3, rare=True),  # north, east, up
     Memory("error_rate", shape=3, rare=True),
+    Memory("yaw_error", rare=True),
+    Memory("yaw_error_rate", rare=True),
     Memory("gps_lost_at", rare=True),  # -1: never
     Memory("gps_rejected_at", rare=True),
     Memory("barometer_rejected_at", rare=True),
