@@ -140,13 +140,15 @@ def simulate(
                 seconds = (options.isolation or Isolation()).limits.of_calls[1]
                 with reported_start(scene, seconds) as watch:
                     execution = one.opened(calls, scene, watch)
+                    started, noted = time.perf_counter() - began, calls.end()
+                    # Within the watch, whose descriptors belong to both states.
+                    noted += told(
+                        calls.after or before, execution.slaves, "functions of its start, up to initialization"
+                    )
             except SystemDescriptionError:
                 raise
             except CosimError as error:
                 return RunResult(Outcome.FAILED, error, notes=one.ready.notes)
-            started = time.perf_counter() - began
-            noted = calls.end()
-            noted += told(calls.after or before, execution.slaves, "functions of its start, up to initialization")
             scene.begin(execution.slaves, execution.plan, lambda: execution.state.time)
             return one.driven(execution, gateways, looking, started, noted, scene)
 

@@ -114,8 +114,9 @@ def _watched(scene: Scene, seconds: float, progress: Callable[[], Hashable], wor
     finally:
         signal.set_wakeup_fd(-1)
         watchdog.stop(writing)
-        os.close(writing)
-        os.close(reading)
+        for descriptor in (writing, reading):
+            with suppress(OSError):  # an FMU may have closed it
+                os.close(descriptor)
 
 
 class _Watchdog(threading.Thread):
@@ -149,14 +150,17 @@ class _Watchdog(threading.Thread):
     def stop(self, writing: int) -> None:
         """Ends the thread at once: a byte at the end `writing` of its pipe, which is no signal's number, wakes it."""
         self._ended.set()
-        with suppress(BlockingIOError):  # the pipe is full of signals, which wake it too
+        with suppress(OSError):  # the pipe is full of signals, which wake it too, or an FMU has closed it
             os.write(writing, b"\0")
         self.join()
 
     def run(self) -> None:
         time_reached, since, told, received = self._now(), time.monotonic(), 0.0, 0
         while not self._ended.is_set():
-            ready, _, _ = select.select([self._signals], [], [], _TICK)
+            try:
+                ready, _, _ = select.select([self._signals], [], [], _TICK)
+            except OSError:  # an FMU has closed it
+                return
             if ready:
                 with suppress(BlockingIOError):
                     for number in os.read(self._signals, 64):
