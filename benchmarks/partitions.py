@@ -13,6 +13,7 @@ time and rate; the time of each window varies by `--noise`, and one in a hundred
 Part 0 also receives the recorded rows of all others, `--recorded` bytes per drone and simulated second.
 
     python benchmarks/partitions.py [--drones 10000 100000] [--hosts 1 4 16 64] [--step-us 2.5] [--network-us 100]
+                                    [--docs docs/scale.md]
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from report import machine, show, write
+from report import machine, section, show, write
 
 STEPS_PER_SECOND = 400
 POSITION = 24
@@ -103,6 +105,29 @@ def speed(
     return float(windows * seconds / ready.max())
 
 
+def document(file: Path, costs: Costs, rows: Sequence[dict[str, Any]]) -> None:
+    """Replaces the section of the forecast in a document: efficiency and speed by drones, topology and hosts."""
+    hosts = sorted({one["hosts"] for one in rows})
+    lines = [
+        "## Parts of a run on many hosts: a forecast",
+        "",
+        "`python benchmarks/partitions.py`, a discrete-event model of the protocol. Costs, measured on two cores:",
+        f"{1e6 * costs.step:g} us for a drone and base step, {1e6 * costs.message:g} us to pack, send and unpack",
+        f"a message, {1e6 * costs.packet:g} us for a packet, {1e6 * costs.window:g} us of Python between windows. The",
+        f"network is assumed: {1e6 * costs.latency:g} us one way, {8e-9 * costs.rate:g} Gbit/s. Efficiency: speed",
+        "divided by the number of hosts and the speed of one; then times real time. `near` has a filter",
+        "that the project does not have: a host receives only from the six that it can hear.",
+        "",
+        "| drones | topology | " + " | ".join(f"{n} host{'s' if n > 1 else ''}" for n in hosts) + " |",
+        "|---" * (2 + len(hosts)) + "|",
+    ]
+    for drones, topology in dict.fromkeys((one["drones"], one["topology"]) for one in rows):
+        own = {one["hosts"]: one for one in rows if (one["drones"], one["topology"]) == (drones, topology)}
+        cells = (f"{100 * own[n]['efficiency']:.0f} %, {own[n]['real_time_factor']:.3g} x" for n in hosts)
+        lines.append(f"| {drones:,} | {topology} | " + " | ".join(cells) + " |")
+    section(file, "forecast", "partitions", lines)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--drones", type=int, nargs="+", default=[10_000, 100_000])
@@ -119,6 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--recorded", type=float, default=240.0, help="bytes per drone and simulated second")
     parser.add_argument("--neighbours", type=int, default=6, help="hosts that a host hears, with near")
     parser.add_argument("--windows", type=int, default=400)
+    parser.add_argument("--docs", type=Path, help="the document whose section is replaced")
     parser.add_argument("--json", type=Path, metavar="FILE")
     o = parser.parse_args(arguments)
     costs = Costs(
@@ -165,6 +191,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     columns = ["drones", "topology", "hosts", "x real time", "efficiency", "if waited for"]
     note = "a model, not a measurement; efficiency: against one host that steps all drones at the same cost per drone"
     show("Runs in parts on many hosts, modelled", host, columns, cells, note)
+    if o.docs is not None:
+        document(o.docs, costs, rows)
     write(o.json, host, {"benchmark": "partitions", "costs": asdict(costs), "rows": rows})
 
 

@@ -6,7 +6,8 @@
 Open MPI is that of the environment. Another library is measured with `--mpi NAME=PREFIX`, where PREFIX contains
 bin/mpiexec and lib/libmpi.so.12 (a virtual environment in which the package mpich is installed has both).
 
-    python benchmarks/parts.py [--parts 1 2 4] [--drones 1000 2500 5000] [--seconds 2] [--mpi mpich=VENV] [--docs FILE]
+    python benchmarks/parts.py [--parts 1 2 4] [--drones 1000 2500] [--points 10000] [--seconds 2] [--mpi mpich=VENV]
+                               [--docs FILE]
 """
 
 from __future__ import annotations
@@ -24,15 +25,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from report import machine, show, write
+from report import machine, section, show, write
 
 from cosim_master.execution.partitions.mpi import MpiTransport
-from cosim_master.system.authoring.swarm.new import new_system
+from cosim_master.system.authoring.swarm.new import fleet_of, new_system
 
 ROOT = Path(__file__).resolve().parents[1]
 COMMAND = str(Path(sys.executable).with_name("uav-cosim"))
-BEGIN, END = "<!-- parts: written by benchmarks/parts.py -->", "<!-- end of parts -->"
-WINDOWS = 2000
+WINDOWS = 1000
 SIZES = (300, 30_000)
 """Bytes of a message: of line5, and of 300 drones with positions of four base steps."""
 
@@ -63,11 +63,12 @@ def exchange(file: Path) -> None:
 
 def launchers(more: Sequence[str]) -> dict[str, tuple[list[str], dict[str, str]]]:
     """The command and the environment that start processes, by name of the library."""
-    own = [str(Path(sys.executable).with_name("mpirun")), "--oversubscribe", "--bind-to", "none"]
+    own = [str(Path(sys.executable).with_name("mpirun")), "--host", "localhost:64", "--bind-to", "none"]
     root = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     found = {
         "Open MPI, shared memory, ULFM": ([*own, "--with-ft", "ulfm"], root),
         "Open MPI, shared memory": (own, root),
+        "Open MPI, shared memory, --oversubscribe": ([own[0], "--oversubscribe", *own[3:]], root),
         "Open MPI, TCP on loopback": ([*own, "--mca", "btl", "self,tcp", "--mca", "pml", "ob1"], root),
     }
     for one in more:
@@ -107,25 +108,26 @@ def flown(system: Path, parts: int, seconds: float, out: Path) -> dict[str, floa
     }
 
 
-def swarms(drones: Sequence[int], parts: Sequence[int], seconds: float, folder: Path) -> list[dict[str, Any]]:
-    rows = []
+def swarms(
+    drones: Sequence[int], fleet: dict[str, str], parts: Sequence[int], seconds: float, folder: Path
+) -> list[dict[str, Any]]:
+    """Rows for swarms of these sizes; `fleet`: vehicle and autopilot, as `uav-cosim new` has them."""
+    rows, chosen = [], {part: fleet_of(text) for part, text in fleet.items()}
     for n in drones:
-        system = new_system("line", n, folder / f"line{n}", fmus=ROOT / "fmus", until=seconds)
+        made = folder / f"line{n}{''.join(fleet.values())}"
+        system = new_system("line", n, made, fmus=ROOT / "fmus", until=seconds, fleet=chosen)
         for p in parts:
             load = os.getloadavg()[0]
-            rows.append({"drones": n, "parts": p, "load": load, **flown(system, p, seconds, folder / "out")})
+            one = {"drones": n, "vehicle": fleet.get("vehicle", "Quadrotor"), "parts": p, "load": load}
+            rows.append({**one, **flown(system, p, seconds, folder / "out")})
             print(rows[-1], file=sys.stderr, flush=True)
     return rows
 
 
 def document(file: Path, host: dict[str, Any], exchanged: Sequence[Any], speeds: Sequence[Any], seconds: float) -> None:
     """Replace the section of the figures in a document."""
-    text = file.read_text(encoding="utf-8")
-    if BEGIN not in text:
-        text += f"\n{BEGIN}\n{END}\n"
     parts = sorted({one["parts"] for one in exchanged})
     lines = [
-        BEGIN,
         "## Parts of a run",
         "",
         "`python benchmarks/parts.py`: the exchange of a window between all parts without stepping, median in us, for"
@@ -143,22 +145,22 @@ def document(file: Path, host: dict[str, Any], exchanged: Sequence[Any], speeds:
         "",
         f"Lines of drones for the first {seconds:g} simulated seconds, on these cores, positions and packets recorded:",
         "",
-        "| drones | processes | times real time | start-up, s | processor time, s | largest process, MB | load |",
-        "|---|---|---|---|---|---|---|",
+        "| drones | vehicle | processes | times real time | start-up, s | processor, s | largest, MB | load |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {one['drones']:,} | {one['parts']} | {one['real_time_factor']:.2f} | {one['start_up_s']:.0f} | "
-        f"{one['processor_s']:.0f} | {one['largest_process_MB']:.0f} | {one['load']:.1f} |"
+        f"| {one['drones']:,} | {one['vehicle']} | {one['parts']} | {one['real_time_factor']:.2f} | "
+        f"{one['start_up_s']:.0f} | {one['processor_s']:.0f} | {one['largest_process_MB']:.0f} | {one['load']:.1f} |"
         for one in speeds
     ]
-    head, rest = text.split(BEGIN)[0], text.split(END, 1)[1]
-    file.write_text(head + "\n".join([*lines, END]) + rest, encoding="utf-8")
+    section(file, "parts", "parts", lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parts", type=int, nargs="+", default=[1, 2, 4])
-    parser.add_argument("--drones", type=int, nargs="+", default=[1000, 2500, 5000])
+    parser.add_argument("--drones", type=int, nargs="*", default=[1000, 2500], help="quadrotors in a line")
+    parser.add_argument("--points", type=int, nargs="*", default=[10_000], help="point masses in a line")
     parser.add_argument("--seconds", type=float, default=2.0)
     parser.add_argument("--mpi", nargs="+", default=[], metavar="NAME=PREFIX")
     parser.add_argument("--docs", type=Path)
@@ -176,9 +178,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
             for one in exchanged
         ]
         show("A window's messages, us", host, ["", *(f"{size} B" for size in SIZES)], cells, "median; without stepping")
-        speeds = swarms(o.drones, o.parts, o.seconds, Path(made))
+        speeds = swarms(o.drones, {}, o.parts, o.seconds, Path(made))
+        points = {"vehicle": "PointMass", "autopilot": "IdealAutopilot"}
+        speeds += swarms(o.points, points, o.parts, o.seconds, Path(made))
     names = ("real_time_factor", "start_up_s", "processor_s", "largest_process_MB", "load")
-    cells = [[f"{one['drones']} in {one['parts']}", *(f"{one[name]:.2f}" for name in names)] for one in speeds]
+    cells = [
+        [f"{one['drones']} {one['vehicle']} in {one['parts']}", *(f"{one[name]:.2f}" for name in names)]
+        for one in speeds
+    ]
     show("Swarms in parts", host, ["drones, processes", *names], cells, f"the first {o.seconds:g} s")
     write(o.json, host, {"benchmark": "parts", "windows": exchanged, "swarms": speeds})
     if o.docs is not None:

@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-__all__ = ["machine", "show", "write"]
+__all__ = ["machine", "section", "show", "write"]
 
 
 def machine(*packages: str) -> dict[str, Any]:
@@ -50,6 +50,16 @@ def show(title: str, host: dict[str, Any], columns: Sequence[str], rows: Sequenc
         table.add_row(*row)
     console.print(table)
     console.print(note)
+
+
+def section(file: Path, name: str, script: str, lines: Sequence[str]) -> None:
+    """Replaces the section of a document that a benchmark writes, or adds it."""
+    begin, end = f"<!-- {name}: written by benchmarks/{script}.py -->", f"<!-- end of {name} -->"
+    text = file.read_text(encoding="utf-8")
+    if begin not in text:
+        text += f"\n{begin}\n{end}\n"
+    head, rest = text.split(begin)[0], text.split(end, 1)[1]
+    file.write_text(head + "\n".join([begin, *lines, end]) + rest, encoding="utf-8")
 
 
 def write(file: Path | None, host: dict[str, Any], results: dict[str, Any]) -> None:

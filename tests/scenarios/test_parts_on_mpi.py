@@ -16,6 +16,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+from cosim_master.execution.partitions.mpi import _SIZES, launched_by
 from tests.scenarios.flights import SYSTEMS, fly
 from tests.scenarios.swarm import running as listening
 from tests.scenarios.test_pymavlink_flies import PACE, Client
@@ -109,6 +110,35 @@ def test_the_same_bits(fmus: Path, tmp_path: Path) -> None:
     same(whole.folder, tmp_path / "parts")
     assert [one["part"] for one in manifest["parts"]] == [0, 1]
     assert all(one["host"] == os.uname().nodename for one in manifest["parts"])
+
+
+def test_processes_that_srun_has_started(fmus: Path, tmp_path: Path) -> None:
+    """srun with PMIx, as far as a process can see it: the variables of SLURM instead of those of mpirun."""
+    python = [sys.executable, "-c", "from cosim_master.cli import main; main()"]
+    hidden = [option for name in os.environ | {"OMPI_COMM_WORLD_SIZE": ""} if name in _SIZES for option in ("-u", name)]
+    command = ["env", *hidden, "SLURM_STEP_NUM_TASKS=2", *python, "run", str(SYSTEMS / "line5"), "--until", "2"]
+    launcher = [str(Path(sys.executable).with_name("mpirun")), "-n", "2", "--host", "localhost:2", "--bind-to", "none"]
+    environment = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    started = [*launcher, *command, "-o", str(tmp_path / "out")]
+    done = subprocess.run(started, capture_output=True, text=True, env=environment, check=False, timeout=LIMIT)
+    assert done.returncode == 0, done.stderr
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert [one["part"] for one in manifest["parts"]] == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("environment", "processes"),
+    [
+        ({}, 1),
+        ({"OMPI_COMM_WORLD_SIZE": "4"}, 4),
+        ({"PMI_SIZE": "8", "PMI_RANK": "3"}, 8),
+        ({"PMIX_RANK": "0", "SLURM_STEP_NUM_TASKS": "16"}, 16),
+        ({"SLURM_STEP_NUM_TASKS": "16", "SLURM_PROCID": "1"}, 1),
+    ],
+    ids=["none", "Open MPI", "MPICH, or srun --mpi=pmi2", "srun --mpi=pmix", "srun --mpi=none"],
+)
+def test_launchers_are_recognised(environment: dict[str, str], processes: int) -> None:
+    assert launched_by(environment) == processes
 
 
 @pytest.mark.alone

@@ -415,6 +415,10 @@ def _exit_code(result: RunResult, *, strict: bool) -> int:
     return int(result.outcome == "failed" or (strict and result.verdict is not None and not result.verdict.good))
 
 
+_GATEWAYS = 12
+"""Gateways whose counts are printed."""
+
+
 def _report(result: RunResult) -> None:
     if result.error is not None:
         (note if result.outcome == "terminated" else report_error)(str(result.error))
@@ -430,9 +434,11 @@ def _report(result: RunResult) -> None:
         say(f"packets: {counts}")
     if result.folder is not None:
         say(f"results: {result.folder}")
-    for gateway, crossed in result.gateways.items():
+    for gateway, crossed in list(result.gateways.items())[:_GATEWAYS]:
         text = ", ".join(f"{n} {what}" for what, n in crossed.items() if what != "address")
         note(f"{gateway} ({crossed['address']}): {text or 'nothing has crossed'}")
+    if (more := len(result.gateways) - _GATEWAYS) > 0:
+        note(f"and {more} more gateways")
     if result.profile is not None:
         from cosim_master.cli.views.inspection import profile_tables
 

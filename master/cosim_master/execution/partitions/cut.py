@@ -163,7 +163,7 @@ def cut(ready: Prepared, parts: int, assignment: Assignment | None = None) -> Cu
         lookahead=lookahead,
         limit=limit,
         links=sum(links) if ready.network.topology == "listed" else None,
-        connections=sum(1 for link in ready.checked.links if _crosses(ready, link, of_instance)),
+        connections=sum(1 for _ in _crossing(ready, of_instance)),
         hosts=assignment.hosts if assignment is not None else (),
     )
 
@@ -236,16 +236,18 @@ def _immediate(ready: Prepared, link: FlatConnection) -> bool:
     return link.initial_only or link.term is not None or link.target not in ready.master.delays
 
 
-def _crosses(ready: Prepared, link: FlatConnection, of_instance: Sequence[int]) -> bool:
-    number = {one.name: i for i, one in enumerate(ready.checked.instances)}
-    return of_instance[number[link.source[0]]] != of_instance[number[link.target[0]]]
+def _crossing(ready: Prepared, of_instance: Sequence[int]) -> Iterator[tuple[FlatConnection, int, int]]:
+    """Yields the connections between parts, with the parts of their ends."""
+    part = dict(zip((one.name for one in ready.checked.instances), of_instance, strict=True))
+    for link in ready.checked.links:
+        a, b = part[link.source[0]], part[link.target[0]]
+        if a != b:
+            yield link, a, b
 
 
 def _undelayed(ready: Prepared, of_instance: Sequence[int]) -> Iterator[tuple[Where, str]]:
-    number = {one.name: i for i, one in enumerate(ready.checked.instances)}
-    for link in ready.checked.links:
-        a, b = of_instance[number[link.source[0]]], of_instance[number[link.target[0]]]
-        if a != b and _immediate(ready, link):
+    for link, a, b in _crossing(ready, of_instance):
+        if _immediate(ready, link):
             ends = f"{'.'.join(link.source)} in part {a} and {'.'.join(link.target)} in part {b}"
             yield link.where, f"the connection between {ends} has no delay; give it one, or keep both in one part"
 
@@ -273,9 +275,9 @@ def _lookahead(ready: Prepared, of_instance: Sequence[int]) -> tuple[float, str]
     found: list[tuple[float, str]] = [(math.inf, "nothing")]
     if len(network.nodes) > 1:
         found += _latencies(network)
-    for link in ready.checked.links:
+    for link, _, _ in _crossing(ready, of_instance):
         delay = ready.master.delays.get(link.target)
-        if delay is not None and not _immediate(ready, link) and _crosses(ready, link, of_instance):
+        if delay is not None and not _immediate(ready, link):
             found.append((delay.ns / 1e9, f"the connection to {'.'.join(link.target)}"))
     return min(found, key=lambda one: one[0])
 
@@ -349,8 +351,9 @@ def _walk(edges: Mapping[int, Mapping[int, int]]) -> list[int]:
     """Returns the units with neighbours close together (Cuthill and McKee 1969); without links, in their order."""
     left = dict.fromkeys(edges)
     order: list[int] = []
-    while left:
-        start = min(left, key=lambda u: len(edges[u]))
+    for start in sorted(edges, key=lambda u: len(edges[u])):
+        if start not in left:
+            continue
         for _ in range(2):  # an end of the graph: the unit that a walk from anywhere reaches last
             start = _breadth_first(edges, start, left)[-1] if edges[start] else start
         walked = _breadth_first(edges, start, left)
