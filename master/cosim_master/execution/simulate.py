@@ -20,11 +20,10 @@ from cosim_master.diagnostics.errors import (
     Where,
 )
 from cosim_master.execution.execution import Execution
-from cosim_master.execution.federation import Federation, Joining, joining
 from cosim_master.execution.options import Listener, Reporting, RunOptions, going_on
-from cosim_master.execution.outcome.manifest import digest_of_system, manifest
+from cosim_master.execution.outcome.manifest import manifest
 from cosim_master.execution.outcome.result import Outcome, RunResult, failing, unrecorded
-from cosim_master.execution.pacing import Checkpoints, interrupts, run
+from cosim_master.execution.pacing import interrupts, run
 from cosim_master.execution.partitions.cut import Cut, cut, read_assignment
 from cosim_master.execution.partitions.opening import (
     failing_openly,
@@ -38,11 +37,11 @@ from cosim_master.execution.partitions.part import PartExecution
 from cosim_master.execution.partitions.starting import agree_to_run, who
 from cosim_master.execution.partitions.transport import Transport
 from cosim_master.execution.partitions.whole import WholeExecution
-from cosim_master.execution.preparation.fingerprint import digest_of_changes, fingerprint_of, with_packets
+from cosim_master.execution.planning import Planned, planned
+from cosim_master.execution.preparation.fingerprint import digest_of_changes, with_packets
 from cosim_master.execution.preparation.isolating import isolation_for
-from cosim_master.execution.preparation.prepare import Prepared, prepare
-from cosim_master.execution.preparation.replay import NOTHING, Actions, as_json, entering, read_actions
-from cosim_master.execution.preparation.stimuli import read_stimuli
+from cosim_master.execution.preparation.prepare import Prepared
+from cosim_master.execution.preparation.replay import as_json
 from cosim_master.execution.run.checkpoint import refuse_checkpoints
 from cosim_master.execution.run.faults.crashes import reported
 from cosim_master.execution.run.faults.hangs import reported_hangs, reported_start
@@ -53,37 +52,23 @@ from cosim_master.execution.run.opening import Setup
 from cosim_master.files.kept import private_cache
 from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.isolated import Isolation
-from cosim_master.fmi.slaves.solvers import Choice
-from cosim_master.network.gateways.gateways import Address, Gateways, gateways_of
+from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.network.gateways.mailbox import Mailbox
-from cosim_master.network.gateways.sockets import Socket
 from cosim_master.results.reading.links import Links
-from cosim_master.results.recording.recording import Recording, check_columns
-from cosim_master.results.storage.checkpoint_folder import Checkpoint, find
+from cosim_master.results.recording.recording import Recording
+from cosim_master.results.storage.checkpoint_folder import find
 from cosim_master.results.storage.journal import FOLDER
-from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.control import Control
-from cosim_master.stepping.layout import Layout, make_layout
 from cosim_master.stepping.observation import MakeObserver, Observer, Observers, View
 from cosim_master.stepping.profiling import Profiler
-from cosim_master.system.flatten.check import check
-from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.read import read_system
-from cosim_master.system.reading.single_fmu import as_model_exchange, full_names
-from cosim_master.system.settings.network import Gateway, with_gateways
-from cosim_master.system.structure import SystemStructure
 from cosim_master.verdict.judging import Interim, judgement
-from cosim_master.verdict.monitors.declared import monitored
-from cosim_master.verdict.monitors.monitoring import Monitoring, hears_packets
+from cosim_master.verdict.monitors.monitoring import Monitoring
 from cosim_master.verdict.watching.memory import recall
-from cosim_master.verdict.watching.subjects import watched
 from cosim_master.verdict.watching.watch import Watch
 
 __all__ = ["simulate", "take_part"]
 
-_MAILBOX = "@page"
-"""The node of packets from the mailbox."""
-_CHECKPOINTS = "a run with checkpoints takes no packets: what has passed a gateway cannot be taken back"
 _REPEATS = "this run takes no packets: its FMUs may discard steps, and what has passed a gateway cannot be taken back"
 
 
@@ -125,16 +110,17 @@ def simulate(
             structure = opened.enter_context(read_system(system, options.variant))
             if checkpoint is not None:
                 options = going_on(options, checkpoint, structure)
-            one = _planned(structure, options, checkpoint, listener, control or Control(options.pace), mailbox)
+            plan = planned(structure, options, checkpoint, mailbox)
+            one = _Run(plan, listener, control or Control(options.pace), Profiler() if options.profile else None)
             one = one.in_parts(transport)
         looking = [make(one.view()) for make in observers]
-        listener.prepared(one.ready)
-        if one.out is not None:
-            _make_folder(one.out)
+        listener.prepared(one.plan.ready)
+        if one.plan.out is not None:
+            _make_folder(one.plan.out)
         scene = Scene()
-        if one.federation is not None:
-            opened.enter_context(one.federation)
-        with Gateways(one.asked, listener.gateway, one.ready.network.dialect) as gateways, reported(scene):
+        if one.plan.federation is not None:
+            opened.enter_context(one.plan.federation)
+        with Gateways(one.plan.asked, listener.gateway, one.plan.ready.network.dialect) as gateways, reported(scene):
             began, before, calls = time.perf_counter(), ProcessState.present(), WatchedCalls()
             try:
                 seconds = (options.isolation or Isolation()).limits.of_calls[1]
@@ -148,33 +134,22 @@ def simulate(
             except SystemDescriptionError:
                 raise
             except CosimError as error:
-                return RunResult(Outcome.FAILED, error, notes=one.ready.notes)
+                return RunResult(Outcome.FAILED, error, notes=one.plan.ready.notes)
             scene.begin(execution.slaves, execution.plan, lambda: execution.state.time)
             return one.driven(execution, gateways, looking, started, noted, scene)
 
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """A planned run: the system is checked, and no FMU is loaded."""
+    """A planned run, and those who look at it and pace it; no FMU is loaded."""
 
-    ready: Prepared
-    options: RunOptions
+    plan: Planned
     listener: Listener
     control: Control
-    checkpoint: Checkpoint | None
-    asked: Sequence[tuple[Gateway, Address | Socket]]
-    mailbox: Mailbox | None
-    fingerprint: dict[str, str]
-    out: Path | None
-    saving: Checkpoints
-    layout: Layout
     profiler: Profiler | None
-    federation: Federation | None
     transport: Transport | None = None
     cut: Cut | None = None
     parts: tuple[Mapping[str, Any], ...] = ()
-    packets: bool = False
-    replayed: bool = False
 
     def in_parts(self, transport: Transport | None) -> _Run:
         """Returns the run as one part of several, which all have agreed on it; without a transport, the same run.
@@ -184,22 +159,23 @@ class _Run:
         """
         if transport is None:
             return self
-        refuse_options(self.options, replayed=self.replayed)
-        found = self.options.assignment
+        refuse_options(self.plan.options, replayed=self.plan.replayed)
+        found = self.plan.options.assignment
         assignment = None if found is None else read_assignment(found, transport.parts)
-        chosen = cut(self.ready, transport.parts, assignment)
-        fmus = {instance.fmu.path.name: instance.fmu.digest for instance in self.ready.checked.instances}
-        own = who(transport, self.fingerprint, fmus, chosen)
-        parts, packets = agree_to_run(transport, own, packets=self.packets)
-        told = tuple(told_parts(parts, self.ready, chosen))
-        return replace(self, transport=transport, cut=chosen, parts=told, packets=packets)
+        chosen = cut(self.plan.ready, transport.parts, assignment)
+        fmus = {instance.fmu.path.name: instance.fmu.digest for instance in self.plan.ready.checked.instances}
+        own = who(transport, self.plan.fingerprint, fmus, chosen)
+        parts, packets = agree_to_run(transport, own, packets=self.plan.packets)
+        told = tuple(told_parts(parts, self.plan.ready, chosen))
+        plan = replace(self.plan, packets=packets)
+        return replace(self, plan=plan, transport=transport, cut=chosen, parts=told)
 
     def view(self) -> View:
-        return View(self.layout, self.ready.every, self.ready.clock.seconds(1))
+        return View(self.plan.layout, self.plan.ready.every, self.plan.ready.clock.seconds(1))
 
     def opened(self, calls: WatchedCalls, scene: Scene, watch: Callable[[Library], None] = lambda _: None) -> Execution:
         """Returns the run at its start, with initialized FMUs; `calls` and `watch` get the libraries loaded."""
-        ready, options = self.ready, self.options
+        ready, options = self.plan.ready, self.plan.options
 
         def loaded(library: Library) -> None:
             scene.libraries.append(library)
@@ -210,35 +186,35 @@ class _Run:
             master=ready.master,
             every=ready.every,
             grid=ready.recording.interval is not None and ready.every == 1,
-            keep_packets=self.packets,
+            keep_packets=self.plan.packets,
             threads=options.threads,
             changes=ready.changes,
             stimuli=ready.stimuli,
             profiler=self.profiler,
-            checkpoint=self.checkpoint,
+            checkpoint=self.plan.checkpoint,
             isolation=isolation_for(options.isolation, ready.checked),
             on_stage=self.listener.stage,
             on_library=loaded,
         )
         if self.transport is None or self.cut is None:
-            return Execution(ready.checked, ready.clock, self.layout, ready.network, setup)
+            return Execution(ready.checked, ready.clock, self.plan.layout, ready.network, setup)
         kind = WholeExecution if self.transport.part == 0 else PartExecution
-        return started(kind, self.transport, self.cut, ready, self.layout, setup)
+        return started(kind, self.transport, self.cut, ready, self.plan.layout, setup)
 
     def recording(self, execution: Execution, start_up: float) -> Recording | None:
         """Opens the recording of the run; `start_up` is the wall-clock time for which FMUs were loaded, s."""
-        if self.out is None:
+        if self.plan.out is None:
             return None
-        beginning = RunResult(Outcome.RUNNING, None, packets=execution.packet_counts(), notes=self.ready.notes)
+        beginning = RunResult(Outcome.RUNNING, None, packets=execution.packet_counts(), notes=self.plan.ready.notes)
         return Recording(
-            self.out,
-            self.ready.checked,
-            self.layout,
-            self.ready.network,
-            packets=self.ready.recording.packets,
-            manifest=self._manifest(self.ready, beginning, start_up, execution, self.fingerprint),
-            checkpoint=self.checkpoint,
-            in_segments=self.options.checkpoint_every is not None,
+            self.plan.out,
+            self.plan.ready.checked,
+            self.plan.layout,
+            self.plan.ready.network,
+            packets=self.plan.ready.recording.packets,
+            manifest=self._manifest(self.plan.ready, beginning, start_up, execution, self.plan.fingerprint),
+            checkpoint=self.plan.checkpoint,
+            in_segments=self.plan.options.checkpoint_every is not None,
         )
 
     def driven(
@@ -251,7 +227,7 @@ class _Run:
         scene: Scene,
     ) -> RunResult:
         """Steps the run to its end and completes its results; `noted` are notes on its start."""
-        ready, complete = self.ready, threading.Event()
+        ready, complete = self.plan.ready, threading.Event()
 
         def document(result: RunResult) -> dict[str, Any]:
             changed, fingerprint = self._changed(execution)
@@ -285,18 +261,18 @@ class _Run:
             observed = Observers(execution, looking, ready.clock.steps, execution.blocks)
             opened.enter_context(observed)
             if isinstance(execution, PartExecution):
-                execution.agree(periods_of(looking), self.saving.every)
+                execution.agree(periods_of(looking), self.plan.saving.every)
             scene.rescue = rescue
             scene.on_recording()
             interrupted = opened.enter_context(interrupts())
-            seconds = (self.options.isolation or Isolation()).limits.seconds
+            seconds = (self.plan.options.isolation or Isolation()).limits.seconds
             opened.enter_context(reported_hangs(scene, seconds))
             result = self._stepped(execution, gateways, observed, interrupted, changes)
             result = replace(result, notes=(*result.notes, *noted, *changes.notes))
             links = None if recording is None else recording.links()
             result = self._judged(result, execution, watch, monitoring, links)
             if recording is not None:
-                self.listener.stage(f"writing {self.out}")
+                self.listener.stage(f"writing {self.plan.out}")
                 result = unrecorded(result, recording.finish(lambda failure: document(unrecorded(result, failure))))
             complete.set()
             # If an FMU crashes the process when it is freed, the recording and its manifest are already complete.
@@ -317,44 +293,46 @@ class _Run:
         fingerprint: Mapping[str, str],
     ) -> dict[str, Any]:
         found = manifest(ready, result, start_up, execution.parameters, fingerprint)
-        given = {"variant": self.options.variant, "solver": self.options.solver}
+        given = {"variant": self.plan.options.variant, "solver": self.plan.options.solver}
         found |= {name: text for name, text in given.items() if text is not None}
         return {**found, "parts": [dict(one) for one in self.parts]} if self.parts else found
 
     @property
     def _admitted(self) -> Sequence[tuple[int, bytes]]:
         """The packets of the mailbox that have entered the network, with their base steps."""
-        return () if self.mailbox is None else self.mailbox.admitted
+        return () if self.plan.mailbox is None else self.plan.mailbox.admitted
 
     def _changed(self, execution: Execution) -> tuple[Prepared, dict[str, str]]:
         """Returns the run and its fingerprint as if values and packets had been known from the beginning."""
-        fingerprint = with_packets(self.fingerprint, self._admitted)
+        fingerprint = with_packets(self.plan.fingerprint, self._admitted)
         if not execution.agenda.requested:
-            return self.ready, fingerprint
-        changes = tuple(sorted([*self.ready.changes, *execution.agenda.requested], key=lambda change: change.k))
-        digest = digest_of_changes(self.ready.checked, changes)
-        return replace(self.ready, changes=changes), {**fingerprint, "changes": digest}
+            return self.plan.ready, fingerprint
+        changes = tuple(sorted([*self.plan.ready.changes, *execution.agenda.requested], key=lambda change: change.k))
+        digest = digest_of_changes(self.plan.ready.checked, changes)
+        return replace(self.plan.ready, changes=changes), {**fingerprint, "changes": digest}
 
     def _watch(self, execution: Execution, recording: Recording | None) -> Watch:
-        ready = self.ready
-        if self.options.checkpoint_every is not None:
+        ready = self.plan.ready
+        if self.plan.options.checkpoint_every is not None:
             refuse_checkpoints(execution.state)
-        watch = Watch(ready.checked, ready.network, self.layout, ready.clock, ready.limits)
-        self.saving.watch, self.saving.recording = watch, recording
-        if self.checkpoint is not None:
-            recall(watch, self.checkpoint.verdict)
+        watch = Watch(ready.checked, ready.network, self.plan.layout, ready.clock, ready.limits)
+        self.plan.saving.watch, self.plan.saving.recording = watch, recording
+        if self.plan.checkpoint is not None:
+            recall(watch, self.plan.checkpoint.verdict)
         return watch
 
     def _monitoring(self) -> Monitoring | None:
         """Returns the observer of the system's monitors; None if it has none."""
-        ready = self.ready
+        ready = self.plan.ready
         if not ready.monitors.every:
             return None
         gridless = ready.master.constrained
-        made = Monitoring(ready.monitors, self.layout, ready.network, ready.clock, every=ready.every, gridless=gridless)
-        self.saving.monitoring = made
-        if self.checkpoint is not None and "monitors" in self.checkpoint.verdict:
-            made.recall(self.checkpoint.verdict["monitors"])
+        made = Monitoring(
+            ready.monitors, self.plan.layout, ready.network, ready.clock, every=ready.every, gridless=gridless
+        )
+        self.plan.saving.monitoring = made
+        if self.plan.checkpoint is not None and "monitors" in self.plan.checkpoint.verdict:
+            made.recall(self.plan.checkpoint.verdict["monitors"])
         return made
 
     def _stepped(
@@ -366,23 +344,23 @@ class _Run:
         changes: WatchedSteps,
     ) -> RunResult:
         gateways.start()
-        if self.mailbox is not None and self.asked and self.asked[-1][1] is self.mailbox:
-            self.mailbox.refusal = _REPEATS if execution.repeats else ""
-            if execution.repeats and self.replayed:
+        if self.plan.mailbox is not None and self.plan.asked and self.plan.asked[-1][1] is self.plan.mailbox:
+            self.plan.mailbox.refusal = _REPEATS if execution.repeats else ""
+            if execution.repeats and self.plan.replayed:
                 raise SystemDescriptionError([Problem(Where("--replay"), _REPEATS)])
         changes.begin(execution.time, interrupted)
         result = run(
             execution,
-            self.ready,
+            self.plan.ready,
             gateways,
             observed,
             control=self.control,
             interrupted=interrupted,
-            checkpoints=self.saving if self.options.checkpoint_every is not None else None,
-            federation=self.federation,
+            checkpoints=self.plan.saving if self.plan.options.checkpoint_every is not None else None,
+            federation=self.plan.federation,
         )
-        if self.federation is not None:
-            self.federation.error = result.error
+        if self.plan.federation is not None:
+            self.plan.federation.error = result.error
         changes.compare(execution.time)
         return unrecorded(result, observed.close())
 
@@ -395,10 +373,10 @@ class _Run:
         links: Links | None,
     ) -> RunResult:
         """Returns the result with the verdict on the run, its notes and its profile."""
-        ready = self.ready
+        ready = self.plan.ready
         verdict = judgement(ready.verdict(), watch, ready.network, result.packets, result.gateways, monitoring, links)
         notes = (*result.notes, *execution.notes)
-        result = replace(result, notes=notes, restarts=len(execution.restarts), verdict=verdict, folder=self.out)
+        result = replace(result, notes=notes, restarts=len(execution.restarts), verdict=verdict, folder=self.plan.out)
         if self.profiler is not None:
             self.profiler.phases["stepping"] = result.wall_s
             result = replace(result, profile=self.profiler.profile())
@@ -425,7 +403,8 @@ def take_part(system: str | PathLike[str], options: RunOptions, transport: Trans
             structure = opened.enter_context(read_system(system, options.variant))
             if checkpoint is not None:
                 options = going_on(options, checkpoint, structure)
-            one = _planned(structure, options, checkpoint, Listener(), Control(), Mailbox() if mailbox else None)
+            plan = planned(structure, options, checkpoint, Mailbox() if mailbox else None)
+            one = _Run(plan, Listener(), Control(), None)
             one = one.in_parts(transport)
         execution = one.opened(WatchedCalls(), scene)
         assert isinstance(execution, PartExecution)
@@ -444,146 +423,9 @@ def _crashed(transport: Transport, error: FmuError) -> None:
             transport.receive(0, patient=True)
 
 
-def _planned(
-    structure: SystemStructure,
-    options: RunOptions,
-    checkpoint: Checkpoint | None,
-    listener: Listener,
-    control: Control,
-    mailbox: Mailbox | None,
-) -> _Run:
-    """Plans a run as far as possible without loading an FMU.
-
-    Raises:
-        SystemDescriptionError: the description is invalid, or the run cannot have its folder or its checkpoints.
-    """
-    actions = NOTHING if options.replay is None else read_actions(options.replay)
-    ready, overrides = _prepared(structure, options, actions)
-    replayed = entering(actions.posted, ready.clock)
-    asked: list[tuple[Gateway, Address | Socket]] = [*gateways_of(ready.network, options.gcs, options.ports)]
-    how = _joining(ready, options)
-    asked += () if how is None else how.gateways
-    programs = [f"{gateway} {address}" for gateway, address in asked]
-    programs += [] if how is None else [f"HELICS {options.helics}"]
-    fingerprint = _fingerprint(ready, programs, checkpoint)
-    out = options.out
-    if isinstance(out, RunFolder):
-        out = out.choose(with_packets(fingerprint, replayed), repeatable=not programs and not replayed)
-    saving = Checkpoints(ready, out, options.checkpoint_every, overrides, options.record)
-    if checkpoint is not None:
-        checkpoint.check(saving.identity)
-        if out is not None and out.resolve() == checkpoint.run.resolve():
-            text = "this is the folder of the run that it goes on from; give another folder"
-            raise SystemDescriptionError([Problem(Where(str(out)), text)])
-        ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
-    if replayed:
-        mailbox = mailbox or Mailbox()
-        mailbox.repeat(replayed)
-    if mailbox is not None and (checkpoint is not None or options.checkpoint_every is not None):
-        mailbox.refusal = _CHECKPOINTS
-        if replayed:
-            raise SystemDescriptionError([Problem(Where("--replay"), _CHECKPOINTS)])
-    elif mailbox is not None:
-        asked.append((Gateway(_MAILBOX, quiet=True), mailbox))
-    ready = replace(ready, network=with_gateways(ready.network, [gateway for gateway, _ in asked]))
-    observed = watched(ready.checked) | monitored(ready.monitors) | ({*how.observed} if how is not None else set())
-    layout = make_layout(ready.checked, ready.network, ready.recording.signals, ready.master, observed)
-    if checkpoint is not None:
-        check_columns(checkpoint, ready.checked, layout)
-    return _Run(
-        ready=ready,
-        options=options,
-        listener=listener,
-        control=control,
-        checkpoint=checkpoint,
-        asked=asked,
-        mailbox=mailbox,
-        fingerprint=fingerprint,
-        out=out,
-        saving=saving,
-        layout=layout,
-        profiler=Profiler() if options.profile else None,
-        replayed=bool(replayed),
-        federation=None if how is None else Federation(how, layout),
-        packets=(out is not None and ready.recording.packets) or hears_packets(ready.monitors),
-    )
-
-
-def _joining(ready: Prepared, options: RunOptions) -> Joining | None:
-    """Returns how the run takes part in a federation; None if it does not.
-
-    Raises:
-        SystemDescriptionError: an address or a name is wrong, or the run cannot take part.
-    """
-    if options.helics is None:
-        for name, given in (("publish", options.helics_publish), ("subscribe", options.helics_subscribe)):
-            if given:
-                text = "it belongs to --helics, which is not given"
-                raise SystemDescriptionError([Problem(Where(f"--helics-{name}"), text)])
-        return None
-    if options.checkpoint_every is not None or options.origin is not None:
-        text = "a run in a federation has no checkpoints: other simulators cannot be set back"
-        raise SystemDescriptionError([Problem(Where("--helics"), text)])
-    return joining(ready, options.helics, options.helics_publish, options.helics_subscribe)
-
-
-def _prepared(structure: SystemStructure, options: RunOptions, actions: Actions) -> tuple[Prepared, dict[str, str]]:
-    """Returns the prepared system, and the overrides with full names."""
-    if options.solver is not None:
-        structure = as_model_exchange(structure)
-    overrides = full_names(structure, options.overrides)
-    given = [*actions.at, *options.at]
-    at = [(when, *named) for when, name, text in given for named in full_names(structure, {name: text}).items()]
-    checked = check(structure, overrides)
-    if options.solver is not None:
-        checked = _with_solver(checked, options.solver)
-    ready = prepare(
-        checked,
-        until=options.until,
-        step=options.step,
-        seed=options.seed,
-        record=options.record,
-        at=at,
-        strict=options.strict,
-        stimuli=None if options.inputs is None else read_stimuli(options.inputs, checked, [*overrides]),
-    )
-    return ready, overrides
-
-
-def _with_solver(checked: CheckedSystem, text: str) -> CheckedSystem:
-    """Returns the system with this solver for all its instances of Model Exchange.
-
-    Raises:
-        SystemDescriptionError: the solver does not exist, or the system has no instance for it.
-    """
-    try:
-        choice = Choice.parsed(text)
-        if all(instance.solver is None for instance in checked.instances):
-            raise ValueError("no FMU of this system is for Model Exchange: all have solvers of their own")
-    except ValueError as error:
-        raise SystemDescriptionError([Problem(Where(f"--solver {text}"), str(error))]) from None
-    instances = [one.integrated(choice) if one.solver is not None else one for one in checked.instances]
-    return replace(checked, instances=tuple(instances))
-
-
 def _make_folder(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         text = f"cannot hold the results of a run: {error.strerror}"
         raise SystemDescriptionError([Problem(Where(str(out)), text)]) from None
-
-
-def _fingerprint(ready: Prepared, gateways: Sequence[str], checkpoint: Checkpoint | None) -> dict[str, str]:
-    return fingerprint_of(
-        ready.checked,
-        ready.clock,
-        ready.network,
-        ready.master,
-        system=digest_of_system(ready.checked),
-        changes=ready.changes,
-        stimuli="" if ready.stimuli is None else ready.stimuli.digest,
-        recording=(ready.every, ready.recording.signals, ready.recording.packets),
-        gateways=gateways,
-        checkpoint=checkpoint,
-    )
