@@ -1,7 +1,7 @@
 """Runs in parts on this machine: what a window costs with each MPI library, and the speed of large swarms.
 
     windows  messages as those of a window, from each part to each, without stepping: wall-clock time of an exchange
-    swarms   `uav-cosim run` of lines of drones in 1, 2 and 4 processes: start-up, speed, memory of all processes
+    swarms   `uav-cosim run` of lines of drones in 1, 2 and 4 processes: start-up, speed, processor time of all
 
 Open MPI is that of the environment. Another library is measured with `--mpi NAME=PREFIX`, where PREFIX contains
 bin/mpiexec and lib/libmpi.so.12 (a virtual environment in which the package mpich is installed has both).
@@ -104,7 +104,6 @@ def flown(system: Path, parts: int, seconds: float, out: Path) -> dict[str, floa
         "real_time_factor": told["real_time_factor"],
         "start_up_s": wall - told["wall_s"],
         "processor_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
-        "largest_process_MB": after.ru_maxrss / 1000.0,
     }
 
 
@@ -130,8 +129,8 @@ def document(file: Path, host: dict[str, Any], exchanged: Sequence[Any], speeds:
     lines = [
         "## Parts of a run",
         "",
-        "`python benchmarks/parts.py`: the exchange of a window between all parts without stepping, median in us, for"
-        f" messages of {SIZES[0]} and {SIZES[1]:,} bytes.",
+        "`python benchmarks/parts.py`: the exchange of a window between all parts without stepping, median in us,",
+        f"for messages of {SIZES[0]} / {SIZES[1]:,} bytes.",
         f"{host['processor']}, {host['cores']} cores, load at the start {host['load']:.1f}; other programs ran, too.",
         "",
         "| library | " + " | ".join(f"{n} parts" for n in parts) + " |",
@@ -145,12 +144,12 @@ def document(file: Path, host: dict[str, Any], exchanged: Sequence[Any], speeds:
         "",
         f"Lines of drones for the first {seconds:g} simulated seconds, on these cores, positions and packets recorded:",
         "",
-        "| drones | vehicle | processes | times real time | start-up, s | processor, s | largest, MB | load |",
-        "|---|---|---|---|---|---|---|---|",
+        "| drones | vehicle | processes | times real time | start-up, s | processor, s | load |",
+        "|---|---|---|---|---|---|---|",
     ]
     lines += [
         f"| {one['drones']:,} | {one['vehicle']} | {one['parts']} | {one['real_time_factor']:.2f} | "
-        f"{one['start_up_s']:.0f} | {one['processor_s']:.0f} | {one['largest_process_MB']:.0f} | {one['load']:.1f} |"
+        f"{one['start_up_s']:.0f} | {one['processor_s']:.0f} | {one['load']:.1f} |"
         for one in speeds
     ]
     section(file, "parts", "parts", lines)
@@ -181,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         speeds = swarms(o.drones, {}, o.parts, o.seconds, Path(made))
         points = {"vehicle": "PointMass", "autopilot": "IdealAutopilot"}
         speeds += swarms(o.points, points, o.parts, o.seconds, Path(made))
-    names = ("real_time_factor", "start_up_s", "processor_s", "largest_process_MB", "load")
+    names = ("real_time_factor", "start_up_s", "processor_s", "load")
     cells = [
         [f"{one['drones']} {one['vehicle']} in {one['parts']}", *(f"{one[name]:.2f}" for name in names)]
         for one in speeds

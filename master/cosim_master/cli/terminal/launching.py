@@ -41,7 +41,7 @@ def start_parts(parts: int, arguments: Sequence[str]) -> int:
     options = ["-n", str(parts)]
     environment = dict(os.environ)
     if "Open MPI" in said:
-        # With --oversubscribe, processes give up the processor whenever they look for messages: 16 ms a window.
+        # With --oversubscribe, processes give up the processor at each look for messages: milliseconds a window.
         options += ["--with-ft", "ulfm", "--host", f"localhost:{parts}", "--bind-to", "none"]
         environment["OMPI_MCA_opal_signal"] = ""  # crashes are for `execution.run.faults.crashes` to report
         if os.geteuid() == 0:  # as in a container; the parts are those of this user
