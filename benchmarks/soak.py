@@ -4,8 +4,8 @@
 
 The long run is one FMU of this project (PointMass); every simulated hour, the process is measured.
 Of the many runs, every second one isolates its FMU. After a tenth of each, which loads and compiles, nothing may grow:
-descriptors, threads, processes and temporary folders not at all, memory by 5 % or 20 MiB at most. The last time of the
-long run must be exact. Exits 1 if anything of this is not so.
+descriptors, threads (but the one that writes the file), processes and temporary folders not at all, memory by 5 % or
+20 MiB at most. The last time of the long run must be exact. Exits 1 if anything of this is not so.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import sys
 import tempfile
 import threading
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -77,9 +77,10 @@ class Hourly:
     def closed(self) -> None: ...
 
 
-def grown(sizes: list[Size]) -> list[str]:
-    """Returns what has grown after the first tenth."""
+def grown(sizes: list[Size], writers: int = 0) -> list[str]:
+    """Returns what has grown after the first tenth; so many threads begin when their file has its first row group."""
     first, last = sizes[len(sizes) // 10], sizes[-1]
+    first = replace(first, threads=first.threads + writers)
     wrong = []
     if last.memory > max(1.05 * first.memory, first.memory + MEMORY):
         wrong.append(f"memory has grown from {first.memory >> 20} to {last.memory >> 20} MiB")
@@ -114,7 +115,9 @@ def soak(hours: float, runs: int, fmu: Path = FMU) -> dict[str, Any]:
                 many.append(size(temporary))
         finally:
             tempfile.tempdir = before
-    wrong += [f"the long run: {text}" for text in grown(long)] + [f"many runs: {text}" for text in grown(many)]
+    wrong += [f"the long run: {text}" for text in grown(long, writers=1)] + [
+        f"many runs: {text}" for text in grown(many)
+    ]
     return {
         "hours": hours,
         "long run, s": seconds,
