@@ -95,7 +95,7 @@ def accepting(port: str, values: Set[int]) -> Path | None:
     """
     from cosim.build import models_of_package
 
-    for model in models_of_package(_MODELS):
+    for model in sorted(models_of_package(_MODELS), key=lambda model: model.kernels is None):  # compiled ones first
         for variable in model.variables:
             accepted = variable.verdict if variable.name == port and variable.role == "input" else None
             if isinstance(accepted, Values) and values <= set(accepted.values):

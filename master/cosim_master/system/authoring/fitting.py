@@ -61,8 +61,11 @@ def companions(
 
 
 def _fitting(name: str, values: set[int], like: set[str], folders: Iterable[Path]) -> FmuDescription | None:
-    """Returns the FMU that accepts these values at its input, and of several the most like the present one."""
-    best: tuple[int, FmuDescription] | None = None
+    """Returns the FMU that accepts these values at its input, and of several the most like the present one.
+
+    FMUs that need no execution tool come first: a tool may be absent.
+    """
+    best: tuple[tuple[bool, int], FmuDescription] | None = None
     seen: set[str] = set()
     for folder in folders:
         for file in sorted(folder.glob("*.fmu")):
@@ -79,9 +82,9 @@ def _fitting(name: str, values: set[int], like: set[str], folders: Iterable[Path
                 and values <= set(accepted.values)
                 and fmu.variables[name].causality == "input"
             ):
-                common = len(like & set(fmu.variables))
-                if best is None or common > best[0]:
-                    best = common, fmu
+                rank = not fmu.capabilities.needsExecutionTool, len(like & set(fmu.variables))
+                if best is None or rank > best[0]:
+                    best = rank, fmu
     if best is not None:
         return best[1]
     unbuilt = shipped.accepting(name, values)
