@@ -11,11 +11,10 @@ process when they are freed.
 
 from __future__ import annotations
 
-from types import TracebackType
+from contextlib import ExitStack
 from typing import Self
 
 from cosim_master.diagnostics.errors import FmuError, RunFailed
-from cosim_master.execution.algorithms.algorithm import Algorithm
 from cosim_master.execution.algorithms.choice import algorithm_for
 from cosim_master.execution.algorithms.fixed_step import FixedStep
 from cosim_master.execution.preparation.stimuli import Agenda
@@ -32,7 +31,6 @@ from cosim_master.stepping.failures import raise_failures
 from cosim_master.stepping.kernels.instances import collect_all
 from cosim_master.stepping.kernels.tables import RUNNING
 from cosim_master.stepping.layout import Layout
-from cosim_master.stepping.strings import failing
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.network import Network
@@ -63,18 +61,13 @@ class Execution:
     """
 
     def __init__(
-        self,
-        checked: CheckedSystem,
-        clock: TimeGrid,
-        layout: Layout,
-        network: Network,
-        setup: Setup | None = None,
+        self, checked: CheckedSystem, clock: TimeGrid, layout: Layout, network: Network, setup: Setup | None = None
     ) -> None:
         setup = setup or Setup()
         self.checked, self.clock, self.layout, self.network = checked, clock, layout, network
         self.agenda = Agenda(setup.changes, setup.stimuli, setup.checkpoint.k if setup.checkpoint is not None else 0)
         self._instances, self._workers = Instances(setup.isolation, setup.on_library), Workers()
-        self._algorithm: Algorithm | None = None
+        self._opened = ExitStack()
         try:
             self.state, self.threads = open_run(self._instances, checked, clock, layout, network, setup)
             self.slaves, self.plan = self.state.slaves, self.state.plan
@@ -82,9 +75,8 @@ class Execution:
             if setup.profiler is not None:
                 setup.profiler.attach(self.plan, self.slaves)
             self.blocks = Blocks(self.state, setup.phase)
-            self._algorithm = algorithm_for(
-                setup.master, self.state, self.blocks, self.agenda, self._change, setup.every
-            )
+            self._algorithm = algorithm_for(setup.master, self.state, self.blocks, self.agenda, self._set, setup.every)
+            self._opened.callback(self._algorithm.close)
             with setup.phase("initialize"):
                 collect_all(self.plan)
                 self.plan.shared[RUNNING] = 0
@@ -99,7 +91,6 @@ class Execution:
 
     def _begin(self, checkpoint: Checkpoint | None) -> None:
         """Proceeds from the outputs at the start to the first communication point, or to that of a checkpoint."""
-        assert self._algorithm is not None
         if checkpoint is not None:
             self._resume(checkpoint)
         self._algorithm.prepare()
@@ -120,7 +111,6 @@ class Execution:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on parameters that differ from the values set, on the steps made, and on restarts."""
-        assert self._algorithm is not None
         return (*self._notes, *self._algorithm.notes, *self.restarts)
 
     @property
@@ -136,7 +126,6 @@ class Execution:
     @property
     def k(self) -> int:
         """The number of base steps completed, in the system's own grid."""
-        assert self._algorithm is not None
         return self._algorithm.k
 
     @property
@@ -156,17 +145,10 @@ class Execution:
             RunFailed: instances failed; the others have finished this macro step, and the recording ends at its start.
             RunTerminated: an FMU requests the end of the simulation; the same applies.
         """
-        assert self._algorithm is not None
         self._algorithm.advance(min(k_stop, self.clock.steps))
 
-    def _change(self, k: int) -> bool:
-        """Sets the values that are due at base step `k`; returns whether any were due."""
-        changed = False
-        for change in self.agenda.take(k):
-            with failing(self.plan, self.slaves[change.instance]):
-                self.state.event_mode.change(change)
-            changed = True
-        return changed
+    def _set(self, k: int) -> bool:
+        return self.state.change(self.agenda.take(k))
 
     def request(self, change: Change) -> float | None:
         """Adds a value to be set as soon as possible; see `Agenda.request`."""
@@ -181,7 +163,6 @@ class Execution:
             RunFailed: a step up to that communication point fails.
             FmuError: an FMU fails to save its state.
         """
-        assert self._algorithm is not None
         self._algorithm.settle()
         self.blocks.rows()
         self.blocks.packets()
@@ -197,9 +178,7 @@ class Execution:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         failures = self.end()
         if failures and kind is None:
             raise RunFailed(failures)
@@ -207,6 +186,5 @@ class Execution:
     def end(self) -> list[FmuError]:
         """Terminates and frees all instances, each once, even if others fail; returns the errors."""
         self._workers.stop()
-        if self._algorithm is not None:
-            self._algorithm.close()
+        self._opened.close()
         return self._instances.end()

@@ -255,7 +255,6 @@ class PartExecution(Execution):
 
     @property
     def _algorithm_k(self) -> int:
-        assert self._algorithm is not None
         return self._algorithm.k
 
     def _post(self) -> None:

@@ -6,7 +6,7 @@ packages) and determine the contents of a snapshot in memory and of a checkpoint
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +19,9 @@ from cosim_master.stepping.failures import reached
 from cosim_master.stepping.kernels.frames import Frames
 from cosim_master.stepping.kernels.tables import BASE, PER_NS, START, K, Plan
 from cosim_master.stepping.layout import Layout
-from cosim_master.stepping.strings import Texts
+from cosim_master.stepping.strings import Texts, failing
 from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
@@ -63,6 +64,19 @@ class RunState:
         counters = self.plan.counters
         ticks, per_ns = int(counters[START] + max(counters[K], 0) * counters[BASE]), int(counters[PER_NS])
         return (ticks + per_ns // 2) // per_ns
+
+    def change(self, changes: Iterable[Change]) -> bool:
+        """Sets values in the instances; returns whether there were any.
+
+        Raises:
+            RunFailed: an instance refuses.
+        """
+        changed = False
+        for change in changes:
+            with failing(self.plan, self.slaves[change.instance]):
+                self.event_mode.change(change)
+            changed = True
+        return changed
 
 
 def changing(
