@@ -1,4 +1,4 @@
-"""ArduCopter itself in the place of `Autopilot` in a `Copter`: the same questions, the same moves, without a master."""
+"""ArduPilot itself in the place of `Autopilot` in a `Copter`: the same questions, the same moves, without a master."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim.vehicle import Airframe
+from cosim_models.ardupilot.firmware import FRAMES, program_of
 from cosim_models.ardupilot.sitl import ArduPilotSITL, _defaults
 from cosim_models.vehicles.quadrotor import Quadrotor
 from tests.models.copter import MOTION, Copter, Decoder, set_values
@@ -29,6 +31,7 @@ class RealCopter(Copter):
         parameters: of ArduCopter, for its start.
         instance: number of ports; not that of any other that runs.
         attach: to one that runs.
+        model: the vehicle, which determines the firmware; its program lies beside the one of ARDUPILOT_SITL.
     """
 
     def __init__(
@@ -38,6 +41,7 @@ class RealCopter(Copter):
         parameters: dict[str, float] | None = None,
         instance: int = 210,
         attach: bool = False,
+        model: Any = Quadrotor,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "test.parm").write_text("".join(f"{name} {value}\n" for name, value in (parameters or {}).items()))
@@ -45,14 +49,16 @@ class RealCopter(Copter):
         self.waiting, self.heard, self.sent = b"", [], bytearray()
         self._decoder = Decoder()
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-        self.v = Quadrotor.record()
+        self.v = model.record()
         set_values(self.v, vehicle)
-        self.start_vehicle, self.advance_vehicle = Quadrotor.kernels
+        self.start_vehicle, self.advance_vehicle = model.kernels
         assert self.start_vehicle(self.v) == 0
         self.slave: Any = ArduPilotSITL(instance_name="autopilot")
         self.m = self.slave.m
         self.m["instance"], self.m["attach"], self.m["airframe"] = instance, attach, self.v["airframe"]
-        files = [*_defaults("", Path(os.environ["ARDUPILOT_SITL"]).resolve()), folder / "test.parm"]
+        firmware = FRAMES[Airframe(int(self.v["airframe"]))].firmware
+        program = program_of(firmware, Path(os.environ["ARDUPILOT_SITL"]).resolve())
+        files = [*_defaults("", program, firmware), folder / "test.parm"]
         self.slave.strings |= {"folder": str(folder), "defaults": ",".join(map(str, files))}
         self.slave.setup_experiment(0.0, None, None)
         self.slave.enter_initialization_mode()

@@ -6,13 +6,17 @@ SIM_Rover and SIM_Plane for their directions; Tools/autotest for the files of de
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.kernel import kernel
 from cosim.vehicle import MAX_MOTORS, Airframe
 
-__all__ = ["FRAMES", "Firmware", "Frame", "commands_of", "program_of"]
+__all__ = ["FRAMES", "Firmware", "Frame", "program_of", "put_commands"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,11 @@ class Firmware:
     channels: tuple[int, ...]
     centred: tuple[int, ...] = ()
     flies: bool = True
+
+    def outputs(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Returns the last two arguments of `put_commands`: channels and commands at rest."""
+        rests = [0.5 if i in self.centred else 0.0 for i in range(len(self.channels))]
+        return np.array(self.channels), np.array(rests)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,17 +82,25 @@ FRAMES: Mapping[Airframe, Frame] = {
 }
 
 
-def commands_of(firmware: Firmware, pulses: Sequence[int]) -> list[float]:
-    """Returns the elements of `motor` for servo outputs [us]: (pulse - 1000) / 1000, within 0 and 1.
+@kernel
+def put_commands(
+    motor: NDArray[np.float64], pulses: NDArray[np.uint16], channels: NDArray[np.int64], rests: NDArray[np.float64]
+) -> None:
+    """Sets the elements of `motor` to servo outputs [us]: (pulse - 1000) / 1000, within 0 and 1.
 
     A pulse of 0, an output that is off, is rest.
+
+    Args:
+        motor: commands; those beyond `channels` are set to 0.
+        pulses: servo outputs.
+        channels: the output, from 0, of each element.
+        rests: the command of an output that is off, by element.
     """
-    found = [0.0] * MAX_MOTORS
-    for i, channel in enumerate(firmware.channels):
-        pulse = pulses[channel] if channel < len(pulses) else 0
-        rest = 0.5 if i in firmware.centred else 0.0
-        found[i] = min(max((pulse - 1000) / 1000.0, 0.0), 1.0) if pulse > 0 else rest
-    return found
+    for i in range(motor.size):
+        motor[i] = 0.0
+        if i < channels.size:
+            pulse = float(pulses[channels[i]]) if channels[i] < pulses.size else 0.0
+            motor[i] = min(max((pulse - 1000.0) / 1000.0, 0.0), 1.0) if pulse > 0.0 else rests[i]
 
 
 def program_of(firmware: Firmware, given: Path) -> Path:

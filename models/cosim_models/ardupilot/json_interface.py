@@ -10,79 +10,52 @@ Source: ArduPilot, libraries/SITL/SIM_JSON and examples/JSON/readme.md.
 
 from __future__ import annotations
 
-import json
 import socket
 import struct
+import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import NamedTuple
 
-__all__ = ["PORT", "Link", "Servos", "decode_servos", "encode_motion"]
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["PORT", "Link", "Servos", "decode_servos"]
 
 PORT = 9002
 """UDP port of the physics of instance 0; instance n uses PORT + 10 n."""
 
-_FORMATS = {18458: struct.Struct("<HHI16H"), 29569: struct.Struct("<HHI32H")}
-"""Formats by magic number: 16 channels, or 32 with SERVO_32_ENABLE."""
-_STRETCH = 1.0 + 1e-8
-"""ArduPilot adds the differences of timestamps in whole microseconds and truncates them: a step that rounding makes
-slightly too short would lose a microsecond, and the clock 0.2 ms per second."""
-_ENCODE = json.JSONEncoder(separators=(",", ":"), check_circular=False).encode
-_SIZE = 65536
+_HEADER = struct.Struct("<HHI")
+_SIZES = {18458: 40, 29569: 72}
+"""Bytes by magic number: 16 channels, or 32 with SERVO_32_ENABLE."""
+_MOST = 128
+"""Bytes read of a datagram: more than any servo packet has."""
 _POLL = 0.05
 """Interval in seconds at which the link checks that ArduPilot is still running."""
+_POLL_OPTION = struct.pack("I", 50) if sys.platform == "win32" else struct.pack("@ll", 0, 50_000)
+"""The same for the operating system: a socket with a timeout of Python's would ask twice for each datagram."""
 _PATIENCE = 0.5
 """Waiting time in seconds after which a repeated servo packet means that the reply was lost. ArduPilot repeats its
 packet every second while it waits. A packet that is available at once was sent while the reply was withheld; a second
 reply to it would be taken as the reply to the next packet."""
 
 
-@dataclass(frozen=True, slots=True)
-class Servos:
-    """Servo packet of ArduPilot: desired reply rate in Hz, packet number, pulses in us."""
+class Servos(NamedTuple):
+    """Servo packet of ArduPilot: desired reply rate in Hz, packet number, pulses in us of 16 or 32 channels."""
 
     rate: int
     frame_count: int
-    pwm: tuple[int, ...]
+    pwm: NDArray[np.uint16]
 
 
 def decode_servos(datagram: bytes) -> Servos | None:
     """Decodes a servo datagram (16 or 32 channels); returns None if it is malformed."""
-    if len(datagram) < 2:
+    if len(datagram) < _HEADER.size:
         return None
-    form = _FORMATS.get(int.from_bytes(datagram[:2], "little"))
-    if form is None or len(datagram) != form.size:
+    magic, rate, frame_count = _HEADER.unpack_from(datagram)
+    if len(datagram) != _SIZES.get(magic):
         return None
-    _, rate, frame_count, *pwm = form.unpack(datagram)
-    return Servos(rate, frame_count, tuple(pwm))
-
-
-def encode_motion(
-    t: float,
-    *,
-    angular_velocity: Sequence[float],
-    specific_force: Sequence[float],
-    position: Sequence[float],
-    velocity: Sequence[float],
-    attitude: Sequence[float],
-) -> bytes:
-    """Encodes a reply.
-
-    Args:
-        t: time in s, above 0.
-        angular_velocity, specific_force: FRD, rad/s and m/s2.
-        position, velocity: NED from home, m and m/s.
-        attitude: quaternion w, x, y, z that rotates FRD into NED.
-    """
-    fields: Mapping[str, object] = {
-        "timestamp": t * _STRETCH,
-        "imu": {"gyro": list(angular_velocity), "accel_body": list(specific_force)},
-        "position": list(position),
-        "quaternion": list(attitude),
-        "velocity": list(velocity),
-    }
-    # ArduPilot searches for `"name":` and reads from there, so no space may follow the colon.
-    return b"\n" + _ENCODE(fields).encode("ascii") + b"\n"
+    return Servos(rate, frame_count, np.frombuffer(datagram, "<u2", offset=_HEADER.size))
 
 
 class Link:
@@ -104,7 +77,7 @@ class Link:
     def __init__(self, port: int) -> None:
         self.repeated = self.lost = self.restarts = 0
         self._last = -1
-        self._reply = b""
+        self._reply: bytes | memoryview = b""
         self._since = 0.0
         self._peer: tuple[str, int] | None = None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -113,11 +86,14 @@ class Link:
         except OSError:
             self._socket.close()
             raise
-        self._socket.settimeout(_POLL)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _POLL_OPTION)
         self.port = int(self._socket.getsockname()[1])
 
-    def reply(self, reply: bytes) -> None:
-        """Sends a reply to the latest servo outputs; `next` then waits for the following ones."""
+    def reply(self, reply: bytes | memoryview) -> None:
+        """Sends a reply to the latest servo outputs; `next` then waits for the following ones.
+
+        The bytes are sent again if they are lost: they must stay as they are until the next reply.
+        """
         assert self._peer is not None, "call next() first"
         self._reply = reply
         self._socket.sendto(reply, self._peer)
@@ -136,8 +112,8 @@ class Link:
         end = self._since + seconds
         while True:
             try:
-                datagram, peer = self._socket.recvfrom(_SIZE)
-            except TimeoutError:
+                datagram, peer = self._socket.recvfrom(_MOST)
+            except (BlockingIOError, TimeoutError):
                 alive()
                 if time.monotonic() > end:
                     raise TimeoutError(f"ArduPilot has sent no servo outputs for {seconds:g} s") from None

@@ -25,13 +25,16 @@ import weakref
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim import Model, Output, PacketInput, PacketOutput, Parameter
 from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, payload_start
 from cosim.vehicle import MAX_MOTORS, Airframe, inputs_for
 from cosim.verdict import Bound, Role
-from cosim_models.ardupilot.firmware import FRAMES, Firmware, Frame, commands_of, program_of
-from cosim_models.ardupilot.json_interface import PORT, Link, Servos, encode_motion
+from cosim_models.ardupilot.access import QuickAccess
+from cosim_models.ardupilot.firmware import FRAMES, Firmware, Frame, program_of, put_commands
+from cosim_models.ardupilot.json_interface import PORT, Link, Servos
+from cosim_models.ardupilot.replies import MOTION, REPLY_SIZE, put_reply
 
 __all__ = ["ArduPilotSITL"]
 
@@ -41,7 +44,6 @@ _START_TIME = 1735689600
 """Initial date of ArduPilot's clock, 2025-01-01 UTC [s since 1970]; the default is today, so that no run would repeat.
 """
 _HEARTBEAT, _ARMED, _STANDBY, _AUTOPILOT = 0, 128, 3, 1
-_MOTION = ("angular_velocity", "specific_force", "position", "velocity", "attitude")
 _GYRO_RATE = 1.8
 """The least rate of the gyro, thus of steps, with which ArduPilot arms: times that of its loop."""
 _NO_BINARY = (
@@ -100,9 +102,10 @@ class _Serial:
         self._socket.setblocking(False)
         return None
 
-    def write(self, packets: bytes) -> None:
+    def write(self, packets: NDArray[np.uint8]) -> None:
         """Sends packets and pending data without blocking."""
-        self._out += packets
+        if packets.size:
+            self._out += packets.tobytes()
         if not self._out or self._socket is None or (self._datagrams and self._peer is None):
             return
         with contextlib.suppress(BlockingIOError, ConnectionError):  # data is kept; `read` reports a missing peer
@@ -115,6 +118,8 @@ class _Serial:
     def read(self, limit: int) -> bytes:
         """Returns complete received packets, at most `limit` bytes; the rest is returned by the next call."""
         self.receive(limit)
+        if not self._in:
+            return b""
         packets, used = _packets(self._in, limit)
         self._in = self._in[used:]
         return packets
@@ -168,7 +173,7 @@ def _packets(data: bytes, limit: int) -> tuple[bytes, int]:
     return bytes(packets), used
 
 
-class ArduPilotSITL(Model):
+class ArduPilotSITL(QuickAccess, Model):
     """The original ArduPilot over its JSON interface: an autopilot with the ports of Autopilot. Steps of 1 ms."""
 
     step_size = 0.001
@@ -286,8 +291,7 @@ class ArduPilotSITL(Model):
         m = self.m
         number = int(m.instance) if m.instance >= 0 else int(m.SYSID_THISMAV) - 1
         self._process: subprocess.Popen[bytes] | None = None
-        self._motion = {name: m[name] for name in _MOTION}
-        self._received = m["mavlink_rx"]
+        self._prepare()
         self._serial = _Serial()
         port = PORT + 10 * number if m.attach else 0  # an ArduPilot started here is told the port
         try:
@@ -308,6 +312,19 @@ class ArduPilotSITL(Model):
             self._end()
             raise
 
+    def _prepare(self) -> None:
+        """Finds the values that each step reads and sets."""
+        m, firmware = self.m, self._frame.firmware
+        offsets = [m.dtype.fields[name][1] + 8 * i for name in MOTION for i in range(m[name].size)]
+        self._motion = np.array(offsets) // 8
+        reply = bytearray(REPLY_SIZE)
+        self._reply, self._reply_bytes = np.frombuffer(reply, np.uint8), memoryview(reply)
+        self._motor, (self._channels, self._rests) = m["motor"], firmware.outputs()
+        self._received, self._received_len = m["mavlink_rx"], self.one("mavlink_rx_len")
+        self._sent, self._sent_len = m["mavlink_tx"], self.one("mavlink_tx_len")
+        self._clock, self._lost, self._restarts = self.one("clock"), self.one("lost"), self.one("restarts")
+        self._limit = float(m["step_timeout"])
+
     def _start(self, number: int, folder: Path) -> subprocess.Popen[bytes]:
         strings = self.strings
         executable = strings["executable"] or os.environ.get("ARDUPILOT_SITL", "")
@@ -323,7 +340,12 @@ class ArduPilotSITL(Model):
         arguments = self._arguments(number, [*_defaults(strings["defaults"], path, self._frame.firmware), frame])
         with self._log_file.open("wb") as log:
             self._process = subprocess.Popen(
-                [str(path), *arguments], cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT
+                [str(path), *arguments],
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                process_group=0,  # Ctrl-C in a terminal is for the run, which then ends ArduPilot
             )
         self.log(f"started: {shlex.join([str(path), *arguments])} in {folder}")
         return self._process
@@ -344,7 +366,7 @@ class ArduPilotSITL(Model):
         ]
 
     def _alive(self) -> None:
-        self._serial.receive(self.m["mavlink_tx"].size)  # a restarted ArduPilot may wait for a connection
+        self._serial.receive(self._sent.size)  # a restarted ArduPilot may wait for a connection
         if self._process is not None and self._process.poll() is not None:
             last = self._log_file.read_text(errors="replace").splitlines()[-5:]
             text = f"ArduPilot exited with code {self._process.returncode}; its last output: {' / '.join(last)}"
@@ -356,49 +378,53 @@ class ArduPilotSITL(Model):
         ArduPilots stepped by one master therefore run in parallel, each in its own process. No reply may have time 0:
         until ArduPilot's clock has a time, it follows the wall clock, and then waits for simulated time to catch up.
         """
-        m = self.m
         if self._waits:
             self._finish()
         firmware = self._frame.firmware
-        if h * _GYRO_RATE * firmware.loop > 1.0 and m["clock"] == 0.0:
+        if h * _GYRO_RATE * firmware.loop > 1.0 and self._clock[0] == 0.0:
             most = 1000.0 / (_GYRO_RATE * firmware.loop)
             self.log(
                 f"steps of {h:g} s are too long for {firmware.name}'s loop of {firmware.loop:g} Hz: it will not arm "
                 f"above {math.floor(100.0 * most) / 100.0:g} ms"
             )
-        self._serial.write(self._received[: m["mavlink_rx_len"]].tobytes())
-        self._link.reply(encode_motion(t + h, **{name: values.tolist() for name, values in self._motion.items()}))
+        self._serial.write(self._received[: self._received_len[0]])
+        size = put_reply(self._reply, t + h, self._reals, self._motion)
+        self._link.reply(self._reply_bytes[:size])
         self._waits = True
-        m["clock"] = t + h
+        self._clock[0] = t + h
         return True
 
     def _before_get(self) -> None:
-        super()._before_get()
         if self._waits:
-            with self._logged():
+            try:
                 self._finish()
+            except Exception:
+                with self._logged():
+                    raise
+        elif self._initialising:
+            super()._before_get()
 
     def _finish(self) -> None:
         """Waits for the servo outputs that follow the last reply, and reads the serial port."""
         self._waits = False
-        m, link = self.m, self._link
-        servos = link.next(float(m["step_timeout"]), self._alive)
-        m["lost"], m["restarts"] = link.lost, link.restarts
+        link = self._link
+        servos = link.next(self._limit, self._alive)
+        self._lost[0], self._restarts[0] = link.lost, link.restarts
         self._set_motors(servos)
         self._hear()
 
     def _set_motors(self, servos: Servos) -> None:
-        self.m["motor"] = commands_of(self._frame.firmware, servos.pwm)
+        put_commands(self._motor, servos.pwm, self._channels, self._rests)
 
     def _hear(self) -> None:
         """Passes packets of the serial port to the output; the heartbeat sets ArduPilot's status."""
         m = self.m
-        packets = self._serial.read(m["mavlink_tx"].size)
-        m["mavlink_tx_len"] = len(packets)
+        packets = self._serial.read(self._sent.size)
+        self._sent_len[0] = len(packets)
         if not packets:
             return
         buffer = np.frombuffer(packets, np.uint8)
-        m["mavlink_tx"][: len(packets)] = buffer
+        self._sent[: len(packets)] = buffer
         p = 0
         while p < len(packets):
             start, p, status = find(buffer, p, len(packets))

@@ -11,18 +11,20 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim.vehicle import Airframe
-from cosim_models.ardupilot.firmware import FRAMES, commands_of
-from cosim_models.ardupilot.json_interface import Link, Servos, decode_servos, encode_motion
+from cosim_models.ardupilot.firmware import FRAMES, Firmware, put_commands
+from cosim_models.ardupilot.json_interface import Link, Servos, decode_servos
+from cosim_models.ardupilot.replies import REPLY_SIZE, put_number, put_reply
 from cosim_models.ardupilot.sitl import ArduPilotSITL, _packets
 
 STAND_IN = Path(__file__).parents[1] / "sitl_stand_in.py"
@@ -38,13 +40,13 @@ def test_servo_packets_of_both_sizes() -> None:
     """The first one is that of a real ArduCopter 4.7."""
     found = decode_servos(bytes.fromhex("1a48b00400000000" + 16 * "e803"))
     assert found is not None
-    assert (found.rate, found.frame_count, found.pwm) == (1200, 0, (1000,) * 16)
+    assert (found.rate, found.frame_count, tuple(found.pwm)) == (1200, 0, (1000,) * 16)
     found = decode_servos(struct.pack("<HHI16H", 18458, 1200, 7, *range(1000, 1016)))
     assert found is not None
-    assert (found.rate, found.frame_count, found.pwm) == (1200, 7, tuple(range(1000, 1016)))
+    assert (found.rate, found.frame_count, tuple(found.pwm)) == (1200, 7, tuple(range(1000, 1016)))
     found = decode_servos(struct.pack("<HHI32H", 29569, 801, 2**32 - 1, *range(32)))
     assert found is not None
-    assert (found.rate, found.frame_count, found.pwm) == (801, 2**32 - 1, tuple(range(32)))
+    assert (found.rate, found.frame_count, tuple(found.pwm)) == (801, 2**32 - 1, tuple(range(32)))
 
 
 @given(st.binary(max_size=100))
@@ -54,43 +56,75 @@ def test_anything_else_is_no_servo_packet(datagram: bytes) -> None:
         assert decode_servos(datagram) is None
 
 
+def as_text(x: float) -> str:
+    buffer = np.zeros(32, np.uint8)
+    return buffer[: put_number(buffer, 0, x)].tobytes().decode()
+
+
+@given(st.floats())
+def test_a_number_is_read_as_the_float_that_was_written(x: float) -> None:
+    found = json.loads(as_text(x))
+    assert found == x or (math.isnan(found) and math.isnan(x))
+    assert len(as_text(x)) <= 24
+
+
+def test_numbers_where_digits_and_bits_are_closest() -> None:
+    """Every power of two and of ten, and the floats beside them."""
+    powers = [2.0**e for e in range(-1074, 1024)] + [float(f"1e{e}") for e in range(-323, 309)]
+    for x in powers:
+        for y in (x, math.nextafter(x, 0.0), math.nextafter(x, math.inf)):
+            assert float(as_text(y)) == y
+
+
+def test_numbers_as_text() -> None:
+    expected = {
+        0.0: "0",
+        1.0: "1",
+        -0.5: "-5e-1",
+        100.0: "1e2",
+        1234.5: "1.2345e3",
+        -(2.0**-1074): "-4.9406564584124654e-324",
+    }
+    assert {x: as_text(x) for x in expected} == expected
+    assert [as_text(x) for x in (math.inf, -math.inf, math.nan)] == ["Infinity", "-Infinity", "NaN"]
+
+
 numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
+
+
+def reply_of(t: float, motion: Sequence[float]) -> bytes:
+    """The motion in the order of MOTION, among other numbers of a record."""
+    buffer, record = np.zeros(REPLY_SIZE, np.uint8), np.full(20, math.nan)
+    record[3:19] = motion
+    return buffer[: put_reply(buffer, t, record, np.arange(3, 19))].tobytes()
 
 
 @given(st.floats(0, 1e6), st.lists(numbers, min_size=16, max_size=16))
 def test_a_reply_is_a_line_of_json_without_spaces(t: float, x: list[float]) -> None:
-    reply = encode_motion(
-        t,
-        angular_velocity=x[:3],
-        specific_force=x[3:6],
-        position=x[6:9],
-        velocity=x[9:12],
-        attitude=x[12:],
-    )
+    reply = reply_of(t, x)
     assert reply[:1] == reply[-1:] == b"\n"
     assert b" " not in reply
     assert json.loads(reply) == {
         "timestamp": t * (1.0 + 1e-8),
         "imu": {"gyro": x[:3], "accel_body": x[3:6]},
         "position": x[6:9],
-        "velocity": x[9:12],
-        "quaternion": x[12:],
+        "quaternion": x[9:13],
+        "velocity": x[13:],
     }
 
 
+AT_REST = [0.0] * 5 + [-9.80665, 0.0, 0.0, 0.0, 1.0] + [0.0] * 6
+
+
 def test_a_reply_as_flown_with_a_real_arducopter() -> None:
-    reply = encode_motion(
-        0.001,
-        angular_velocity=(0.0, 0.0, 0.0),
-        specific_force=(0.0, 0.0, -9.80665),
-        position=(0.0, 0.0, 0.0),
-        velocity=(0.0, 0.0, 0.0),
-        attitude=(1.0, 0.0, 0.0, 0.0),
+    assert reply_of(0.001, AT_REST) == (
+        b'\n{"timestamp":1.00000001e-3,"imu":{"gyro":[0,0,0],"accel_body":[0,0,-9.8066499999999994]},"position":[0,0,0],'
+        b'"quaternion":[1,0,0,0],"velocity":[0,0,0]}\n'
     )
-    assert reply == (
-        b'\n{"timestamp":0.00100000001,"imu":{"gyro":[0.0,0.0,0.0],"accel_body":[0.0,0.0,-9.80665]},"position":[0.0,0.0,0.0],'
-        b'"quaternion":[1.0,0.0,0.0,0.0],"velocity":[0.0,0.0,0.0]}\n'
-    )
+
+
+def test_the_longest_reply_fits() -> None:
+    assert len(reply_of(1.2345678901234567e-300, [-1.2345678901234567e-300] * 16)) < REPLY_SIZE
 
 
 @pytest.mark.parametrize("step", [0.001, 0.00125])
@@ -99,14 +133,7 @@ def test_arducopters_clock_loses_nothing(step: float, begin: float) -> None:
     """It is a count of microseconds, to which each difference is added and cut off."""
     clock, last = 0, begin * (1.0 + 1e-8)
     for k in range(1, 20001):
-        reply = encode_motion(
-            begin + k * step,
-            angular_velocity=(0.0, 0.0, 0.0),
-            specific_force=(0.0, 0.0, -9.80665),
-            position=(0.0, 0.0, 0.0),
-            velocity=(0.0, 0.0, 0.0),
-            attitude=(1.0, 0.0, 0.0, 0.0),
-        )
+        reply = reply_of(begin + k * step, AT_REST)
         timestamp = json.loads(reply)["timestamp"]
         clock = int(clock + (timestamp - last) * 1e6)
         last = timestamp
@@ -328,6 +355,12 @@ def test_it_is_started_with_what_it_needs(flight: Any, tmp_path: Path) -> None:
     first, second = given["defaults"].split(",")
     assert first == str(tmp_path / "more.parm")
     assert Path(second).read_text() == "FRAME_CLASS 2\nFRAME_TYPE 1\n"
+
+
+def commands_of(firmware: Firmware, pulses: Sequence[int]) -> list[float]:
+    motor = np.full(8, math.nan)
+    put_commands(motor, np.array(pulses, np.uint16), *firmware.outputs())
+    return motor.tolist()
 
 
 def test_servo_outputs_mean_what_the_firmware_says() -> None:
