@@ -21,6 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim import Model
 from cosim.vehicle import Airframe
 from cosim_models.ardupilot.firmware import FRAMES, Firmware, put_commands
 from cosim_models.ardupilot.json_interface import Link, Servos, decode_servos
@@ -568,3 +569,44 @@ def test_started_ones_of_one_number_do_not_mind_each_other(flight: Any) -> None:
         for height, one in enumerate(ones):
             one.step(k, height=height)
             assert one.slave.m.motor[0] == pytest.approx(height / 100)
+
+
+def test_values_are_read_and_set_as_of_any_model(flight: Any) -> None:
+    """By places that are kept for each list of references: the values and errors are those of `Model`."""
+    one = flight()
+    one.begin()
+    for k in range(3):
+        one.step(k, height=3.0)
+    slave, refs = one.slave, one.references
+    reals = [refs["motor[1]"], refs["clock"], refs["position[3]"]]
+    integers, booleans = [refs["lost"], refs["airframe"]], [refs["on_ground"], refs["attach"]]
+    for _ in range(2):
+        assert (
+            slave.get_real(reals) == Model.get_real(slave, reals) == [pytest.approx(0.03), pytest.approx(0.003), -3.0]
+        )
+        assert slave.get_integer(integers) == Model.get_integer(slave, integers) == [0, 1]
+        assert slave.get_boolean(booleans) == Model.get_boolean(slave, booleans) == [True, False]
+        slave.set_real([refs["position[1]"], refs["position[2]"]], [1.5, -2.5])
+        slave.set_integer([refs["airframe"]], [1])
+        assert slave.m.position.tolist() == [1.5, -2.5, -3.0]
+        for values in ([math.nan, 0.0], [1.0]):
+            with pytest.raises(ValueError):
+                slave.set_real([refs["position[1]"], refs["position[2]"]], values)
+        slave.set_real([refs["position[1]"]], [math.inf])
+        assert slave.m.position[0] == math.inf
+        for name in ("motor[1]", "speedup"):
+            with pytest.raises(ValueError, match=name.partition("[")[0]):
+                slave.set_real([refs[name]], [1.0])
+        with pytest.raises(ValueError, match="airframe = 99"):
+            slave.set_integer([refs["airframe"]], [99])
+        with pytest.raises(ValueError, match="mavlink_tx"):
+            slave.set_string([refs["mavlink_tx"]], [""])
+        for get in (slave.get_integer, slave.get_boolean, slave.get_string):
+            with pytest.raises(TypeError):
+                get([refs["clock"]])
+        with pytest.raises(TypeError):
+            slave.get_real([refs["lost"]])
+        slave.set_string([refs["mavlink_rx"]], [base64.b64encode(b"abc").decode()])
+        assert slave.get_string([refs["mavlink_rx"]]) == ["YWJj"]
+        slave.set_string([refs["mavlink_rx"]], [""])
+        assert (slave.m.mavlink_rx_len, slave.get_string([refs["mavlink_rx"]])) == (0, [""])

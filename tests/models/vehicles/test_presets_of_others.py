@@ -24,6 +24,7 @@ from tests.models.shipped_kernels import kernels
 G = 9.80665
 MODELS: dict[str, type[Model]] = {
     "ardupilot_plane": FixedWing,
+    "ardupilot_quadplane": Quadplane,
     "ardupilot_rover_skid": Rover,
     "authors_line": LinearQuadrotor,
     "authors_voronoi": LinearQuadrotor,
@@ -72,6 +73,33 @@ def test_it_sets_every_number_of_the_body(name: str) -> None:
     left = {one.partition("[")[0] for one in known - set(values(name))}
     places = {"position_start", "yaw_start", "speed_start", "ground_height", "current", "windage"}
     assert left <= places | {"deflection_max", "substep"}
+
+
+@pytest.mark.parametrize(
+    "servos", [(0.5, 0.5, 0.0, 0.5), (0.6, 0.5, 0.0, 0.5), (0.5, 0.4, 0.0, 0.5), (0.5, 0.5, 0.0, 0.7)]
+)
+def test_arduplanes_quadplane_turns_as_its_source(servos: tuple[float, ...]) -> None:
+    """The air gives the angular acceleration of the plane, 1 kg m2, the rotors that of a copter of SIM_Frame."""
+    turns = []
+    for name in ("ardupilot_plane", "ardupilot_quadplane"):
+        flying = {"position_start[3]": -100.0, "speed_start": 20.0, "substep": 1e-6}
+        m = with_preset(name, **flying)
+        m.motor[:4] = servos
+        assert kernels(MODELS[name])[1](m, 0.0, 1e-6) == 0
+        turns.append(m.angular_velocity * 1e6)
+    assert turns[1].tolist() == pytest.approx(turns[0].tolist(), rel=1e-4, abs=1e-4)
+    m = with_preset("ardupilot_quadplane", **{"position_start[3]": -100.0})
+    m.motor[:8] = (0.5, 0.5, 0.0, 0.5, 0.6, 0.5, 0.6, 0.5)  # both in front
+    for k in range(100):
+        assert kernels(Quadplane)[1](m, 1e-3 * k, 1e-3) == 0
+    thrust = [1.88589e-05 * float(speed) ** 2 for speed in m.rotor_speed]
+    torque = 0.35 * math.sqrt(0.5) * (thrust[0] + thrust[2] - thrust[1] - thrust[3])
+    before = float(m.angular_velocity[1])
+    assert kernels(Quadplane)[1](m, 0.1, 1e-5) == 0
+    inertia = 0.5 * 3.0 * (0.35 / 2.0) ** 2 / 2.0  # half of the mass on the ring, about a diameter
+    assert (m.angular_velocity[1] - before) / 1e-5 == pytest.approx(
+        torque / inertia, rel=0.05
+    )  # less what the air damps
 
 
 def test_the_wamv_reaches_the_speed_and_the_turn_of_its_source() -> None:
