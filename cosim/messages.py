@@ -3321,6 +3321,142 @@ def decode_log_entry(payload: Bytes) -> tuple[int, int, int, int, int]:
     )
 
 
+# -- LOG_REQUEST_DATA -------------------------------------------------------------------------------------------------
+
+LOG_REQUEST_DATA = 119
+LOG_REQUEST_DATA_LENGTH = 12
+LOG_REQUEST_DATA_TARGET_SYSTEM = 10  # uint8_t
+LOG_REQUEST_DATA_TARGET_COMPONENT = 11  # uint8_t
+LOG_REQUEST_DATA_ID = 8  # uint16_t
+LOG_REQUEST_DATA_OFS = 0  # uint32_t
+LOG_REQUEST_DATA_COUNT = 4  # uint32_t [bytes]
+
+
+@kernel
+def encode_log_request_data(
+    payload: Bytes, target_system: int, target_component: int, id_: int, ofs: int, count: int
+) -> int:
+    """Fills `payload` with a LOG_REQUEST_DATA; returns LOG_REQUEST_DATA_LENGTH."""
+    zero = int(np.int64(0))
+    put_u8(payload, zero + LOG_REQUEST_DATA_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + LOG_REQUEST_DATA_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + LOG_REQUEST_DATA_ID, id_)
+    put_u32(payload, zero + LOG_REQUEST_DATA_OFS, ofs)
+    put_u32(payload, zero + LOG_REQUEST_DATA_COUNT, count)
+    return LOG_REQUEST_DATA_LENGTH
+
+
+@kernel
+def decode_log_request_data(payload: Bytes) -> tuple[int, int, int, int, int]:
+    """Returns the scalar fields of a LOG_REQUEST_DATA: target_system, target_component, id, ofs, count."""
+    zero = int(np.int64(0))
+    return (
+        get_u8(payload, zero + LOG_REQUEST_DATA_TARGET_SYSTEM),
+        get_u8(payload, zero + LOG_REQUEST_DATA_TARGET_COMPONENT),
+        get_u16(payload, zero + LOG_REQUEST_DATA_ID),
+        get_u32(payload, zero + LOG_REQUEST_DATA_OFS),
+        get_u32(payload, zero + LOG_REQUEST_DATA_COUNT),
+    )
+
+
+# -- LOG_DATA ---------------------------------------------------------------------------------------------------------
+
+LOG_DATA = 120
+LOG_DATA_LENGTH = 97
+LOG_DATA_ID = 4  # uint16_t
+LOG_DATA_OFS = 0  # uint32_t
+LOG_DATA_COUNT = 6  # uint8_t [bytes]
+LOG_DATA_DATA = 7  # uint8_t[90]
+
+
+@kernel
+def encode_log_data(payload: Bytes, id_: int, ofs: int, count: int) -> int:
+    """Fills `payload` with a LOG_DATA; returns LOG_DATA_LENGTH."""
+    zero = int(np.int64(0))
+    put_u16(payload, zero + LOG_DATA_ID, id_)
+    put_u32(payload, zero + LOG_DATA_OFS, ofs)
+    put_u8(payload, zero + LOG_DATA_COUNT, count)
+    clear(payload, zero + LOG_DATA_DATA, zero + LOG_DATA_DATA + 90)
+    return LOG_DATA_LENGTH
+
+
+@kernel
+def decode_log_data(payload: Bytes) -> tuple[int, int, int]:
+    """Returns the scalar fields of a LOG_DATA: id, ofs, count."""
+    zero = int(np.int64(0))
+    return (
+        get_u16(payload, zero + LOG_DATA_ID),
+        get_u32(payload, zero + LOG_DATA_OFS),
+        get_u8(payload, zero + LOG_DATA_COUNT),
+    )
+
+
+@kernel
+def put_log_data_data(payload: Bytes, i: int, value: int) -> None:
+    """Sets element i (0 to 89) of `data`."""
+    put_u8(payload, LOG_DATA_DATA + i, value)
+
+
+@kernel
+def get_log_data_data(payload: Bytes, i: int) -> int:
+    """Returns element i (0 to 89) of `data`."""
+    return get_u8(payload, LOG_DATA_DATA + i)
+
+
+# -- LOG_ERASE --------------------------------------------------------------------------------------------------------
+
+LOG_ERASE = 121
+LOG_ERASE_LENGTH = 2
+LOG_ERASE_TARGET_SYSTEM = 0  # uint8_t
+LOG_ERASE_TARGET_COMPONENT = 1  # uint8_t
+
+
+@kernel
+def encode_log_erase(payload: Bytes, target_system: int, target_component: int) -> int:
+    """Fills `payload` with a LOG_ERASE; returns LOG_ERASE_LENGTH."""
+    zero = int(np.int64(0))
+    put_u8(payload, zero + LOG_ERASE_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + LOG_ERASE_TARGET_COMPONENT, target_component)
+    return LOG_ERASE_LENGTH
+
+
+@kernel
+def decode_log_erase(payload: Bytes) -> tuple[int, int]:
+    """Returns the scalar fields of a LOG_ERASE: target_system, target_component."""
+    zero = int(np.int64(0))
+    return (
+        get_u8(payload, zero + LOG_ERASE_TARGET_SYSTEM),
+        get_u8(payload, zero + LOG_ERASE_TARGET_COMPONENT),
+    )
+
+
+# -- LOG_REQUEST_END --------------------------------------------------------------------------------------------------
+
+LOG_REQUEST_END = 122
+LOG_REQUEST_END_LENGTH = 2
+LOG_REQUEST_END_TARGET_SYSTEM = 0  # uint8_t
+LOG_REQUEST_END_TARGET_COMPONENT = 1  # uint8_t
+
+
+@kernel
+def encode_log_request_end(payload: Bytes, target_system: int, target_component: int) -> int:
+    """Fills `payload` with a LOG_REQUEST_END; returns LOG_REQUEST_END_LENGTH."""
+    zero = int(np.int64(0))
+    put_u8(payload, zero + LOG_REQUEST_END_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + LOG_REQUEST_END_TARGET_COMPONENT, target_component)
+    return LOG_REQUEST_END_LENGTH
+
+
+@kernel
+def decode_log_request_end(payload: Bytes) -> tuple[int, int]:
+    """Returns the scalar fields of a LOG_REQUEST_END: target_system, target_component."""
+    zero = int(np.int64(0))
+    return (
+        get_u8(payload, zero + LOG_REQUEST_END_TARGET_SYSTEM),
+        get_u8(payload, zero + LOG_REQUEST_END_TARGET_COMPONENT),
+    )
+
+
 # -- POWER_STATUS -----------------------------------------------------------------------------------------------------
 
 POWER_STATUS = 125

@@ -213,7 +213,8 @@ def test_unknown_commands_are_unsupported(command: int) -> None:
 def test_reposition_refuses_what_is_no_place() -> None:
     copter = copter_at(2.1)
     copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
-    assert reposition(copter, 0, frame=21) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
+    told = ("TEXT", 6, "Unknown mavlink coordinate frame 21")
+    assert reposition(copter, 0, frame=21) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED), told]
     assert reposition(copter, 0, lat=900000001) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
     assert reposition(copter, 0, lon=-1800000001) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
     assert reposition(copter, 0, lat=0, lon=0) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
@@ -509,7 +510,7 @@ def test_other_requests() -> None:
     copter.command(mavlink.MAV_CMD_GET_HOME_POSITION)
     copter.command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1)
     copter.tick()
-    assert len(copter.messages("HOME_POSITION")) == 1
+    assert len(copter.messages("HOME_POSITION")) == len(copter.messages("GPS_GLOBAL_ORIGIN")) == 1
     (version,) = copter.messages("AUTOPILOT_VERSION")
     assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_FTP

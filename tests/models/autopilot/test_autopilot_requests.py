@@ -192,6 +192,55 @@ def test_there_are_no_logs() -> None:
     copter.run(0.01)
     (entry,) = copter.messages("LOG_ENTRY")
     assert (entry.id, entry.num_logs, entry.size) == (0, 0, 0)
+    copter.heard.clear()
+    for message in (
+        mavlink.MAVLink_log_request_data_message(1, 1, 1, 0, 90),
+        mavlink.MAVLink_log_erase_message(1, 1),
+        mavlink.MAVLink_log_request_end_message(1, 1),
+        mavlink.MAVLink_log_data_message(1, 0, 0, [0] * 90),  # of another vehicle, which is sent to all
+    ):
+        copter.send(message)
+        copter.run(0.01)
+    assert copter.heard == []
+
+
+def test_logs_are_for_disarmed_vehicles_which_is_told_once() -> None:
+    copter = Copter()
+    copter.run(3.0)
+    assert copter.ask(400, 1)[0] == ("ACK", 400, ACCEPTED)
+    for _ in range(2):
+        copter.send(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
+        copter.send(mavlink.MAVLink_log_request_data_message(1, 1, 1, 0, 90))
+        copter.send(mavlink.MAVLink_log_data_message(1, 0, 0, [0] * 90))
+        copter.run(0.1)
+    assert [text for text in texts(copter.answers()) if "log" in text[1]] == [(3, "Disarm for log download")]
+    assert copter.messages("LOG_ENTRY") == []
+
+
+def test_an_item_beyond_the_end_is_answered_with_the_number_of_items() -> None:
+    """In both forms of the request; only that of MISSION_REQUEST_INT tells the number."""
+    copter = Copter()
+    copter.run(2.1)
+    for request, kinds in (
+        (mavlink.MAVLink_mission_request_int_message, ["MISSION_COUNT", "MISSION_ACK"]),
+        (mavlink.MAVLink_mission_request_message, ["MISSION_ACK"]),
+    ):
+        copter.heard.clear()
+        copter.send(request(1, 1, 9, 0))
+        copter.run(0.01)
+        heard = [message.get_type() for _, message in copter.heard if message.get_type() != "STATUSTEXT"]
+        assert heard == kinds
+        assert copter.messages("MISSION_ACK")[0].type == mavlink.MAV_MISSION_INVALID_SEQUENCE
+
+
+def test_unknown_frames_are_named() -> None:
+    copter = Copter()
+    copter.run(2.1)
+    for command in (mavlink.MAV_CMD_DO_SET_HOME, mavlink.MAV_CMD_DO_SET_ROI_LOCATION):
+        copter.answers()
+        copter.send(mavlink.MAVLink_command_int_message(1, 1, 21, command, 0, 0, 0, 0, 0, 0, 10, 10, 5))
+        copter.run(0.01)
+        assert copter.answers() == [("ACK", command, DENIED), ("TEXT", 6, "Unknown mavlink coordinate frame 21")]
 
 
 # ---- missions ------------------------------------------------------------------------------------------------------

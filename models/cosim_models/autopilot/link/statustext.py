@@ -62,6 +62,7 @@ __all__ = [
     "EKF_LANDS",
     "EKF_VARIANCE",
     "EMERGENCY",
+    "ERROR",
     "FENCE_CLEARED",
     "FENCE_FETCH_INVALID",
     "FENCE_FETCH_OLD",
@@ -71,6 +72,7 @@ __all__ = [
     "FOLLOW_DISABLED",
     "FOLLOW_REFUSED",
     "FRAMES",
+    "FRAME_UNKNOWN",
     "GCS_AUTO",
     "GCS_CLEARED",
     "GCS_DISARMING",
@@ -89,6 +91,7 @@ __all__ = [
     "LAND_SEQUENCE_END",
     "LAND_SEQUENCE_NONE",
     "LAND_SEQUENCE_START",
+    "LOG_DISARM",
     "LOITER_REFUSED",
     "LOW_BREACHED",
     "MISSING_TAKEOFF",
@@ -170,7 +173,7 @@ __all__ = [
     "send_texts",
 ]
 
-EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
+EMERGENCY, CRITICAL, ERROR, WARNING, NOTICE, INFO = 0, 2, 3, 4, 5, 6  # MAV_SEVERITY
 _EVERY_LINK = 2**LINKS - 1
 NO_NUMBER = -1
 """Number argument of `say` for texts without a number."""
@@ -316,6 +319,8 @@ AUTO_RTL_END = _part(b"landing sequence found", 1)
 AVOID_REFUSED = _part(b"Mode change to AVOID_ADSB failed: requires positio", 0)
 AVOID_REFUSED_END = _part(b"n", 1)
 AVOID_NOT_ARMABLE = _text(b"Arm: AVOID_ADSB mode not armable")
+FRAME_UNKNOWN = _text(b"Unknown mavlink coordinate frame %")
+LOG_DISARM = _text(b"Disarm for log download")
 FENCE_CLEARED = _text(b"Fence breach cleared")
 CRASHED = _text(b"Crash: Disarming: AngErr=%>30, Accel=~<3.0")
 EKF_ALT_HOLD = _text(b"EKF Failsafe: changed to ALT_HOLD Mode")

@@ -19,8 +19,11 @@ from cosim.messages import (
     COMMAND_LONG,
     FENCE_FETCH_POINT,
     FILE_TRANSFER_PROTOCOL,
+    GPS_GLOBAL_ORIGIN,
     HEARTBEAT,
     HOME_POSITION,
+    LOG_DATA,
+    LOG_REQUEST_END,
     LOG_REQUEST_LIST,
     MANUAL_CONTROL,
     MAV_CMD_COMPONENT_ARM_DISARM,
@@ -135,7 +138,7 @@ from cosim_models.autopilot.link.statustext import (
 from cosim_models.autopilot.mavlink.file_transfer import answer_file_transfer
 from cosim_models.autopilot.mavlink.messages import acknowledge, answer_timesync, send_message, tell_interval
 from cosim_models.autopilot.mavlink.parameters import list_parameters, read_parameter, set_parameter
-from cosim_models.autopilot.mavlink.requested_messages import send_no_logs, send_terrain
+from cosim_models.autopilot.mavlink.requested_messages import answer_log_request, send_terrain
 from cosim_models.autopilot.mavlink.requests import obey, send_banner, take_off_by_pilot
 from cosim_models.autopilot.mavlink.targets import (
     hear_attitude_target,
@@ -308,7 +311,10 @@ def _command(
     if command == MAV_CMD_REQUEST_MESSAGE:
         return _request_message(m, p1, p2, t)
     if command == MAV_CMD_GET_HOME_POSITION:
-        return _request_message(m, float(HOME_POSITION), 0.0, t) if home_ready(m, t) else MAV_RESULT_FAILED
+        if not home_ready(m, t):
+            return MAV_RESULT_FAILED
+        _request_message(m, float(HOME_POSITION), 0.0, t)
+        return _request_message(m, float(GPS_GLOBAL_ORIGIN), 0.0, t)
     if command == MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
         if p1 != 1.0:
             return MAV_RESULT_FAILED
@@ -452,9 +458,8 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         answer_file_transfer(m, sender, part, t)
     elif message == PARAM_REQUEST_READ:
         read_parameter(m)
-    elif message == LOG_REQUEST_LIST:
-        if can_answer(m):
-            send_no_logs(m)
+    elif LOG_REQUEST_LIST <= message <= LOG_REQUEST_END and message != LOG_DATA:
+        answer_log_request(m, message)
     elif message == TERRAIN_CHECK:
         lat, lon = decode_terrain_check(m.received)
         if can_answer(m):

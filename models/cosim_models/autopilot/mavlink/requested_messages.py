@@ -23,6 +23,7 @@ from cosim.messages import (
     HIGHRES_IMU,
     HWSTATUS,
     LOG_ENTRY,
+    LOG_REQUEST_LIST,
     RELAY_STATUS,
     SCALED_IMU2,
     SCALED_IMU3,
@@ -46,11 +47,12 @@ from cosim.messages import (
 from cosim_models.autopilot.commander.battery import battery_remaining
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.state import landed_state, position_ready, reported_mode
-from cosim_models.autopilot.link.links import microseconds, milliseconds, send
+from cosim_models.autopilot.link.links import can_answer, microseconds, milliseconds, send
+from cosim_models.autopilot.link.statustext import ERROR, LOG_DISARM, NO_NUMBER, say_here
 from cosim_models.autopilot.mavlink.sensor_messages import fill_pressure, fill_scaled_imu, pressure
 from cosim_models.autopilot.mavlink.status_messages import going
 
-__all__ = ["send_no_logs", "send_requested", "send_terrain"]
+__all__ = ["answer_log_request", "send_requested", "send_terrain"]
 
 # HIGHRES_IMU_UPDATED_FLAGS: accelerations and rates, pressure, height, temperature.
 _FIELDS = 0x3F + 0x200 + 0x800 + 0x1000
@@ -68,10 +70,20 @@ def send_terrain(m: Any, lat: int, lon: int) -> bool:
 
 
 @kernel
-def send_no_logs(m: Any) -> bool:
-    """Answers LOG_REQUEST_LIST: there are no logs on board."""
-    encode_log_entry(m.payload, 0, 0, 0, 0, 0)
-    return send(m, LOG_ENTRY)
+def answer_log_request(m: Any, message: int) -> None:
+    """Answers LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_ERASE and LOG_REQUEST_END, with no logs on board.
+
+    While it is armed, it says once that logs are for later. A run with `--dataflash` answers in its place.
+    """
+    if m.armed:
+        if not m.log_told:
+            say_here(m, ERROR, LOG_DISARM, NO_NUMBER)
+        m.log_told = True
+        return
+    m.log_told = False
+    if message == LOG_REQUEST_LIST and can_answer(m):
+        encode_log_entry(m.payload, 0, 0, 0, 0, 0)
+        send(m, LOG_ENTRY)
 
 
 @kernel

@@ -151,7 +151,6 @@ _FAILED_WITHOUT = np.array(
         MAV_CMD_DO_GRIPPER,
         MAV_CMD_DO_JUMP_TAG,
         MAV_CMD_DO_RETURN_PATH_START,
-        MAV_CMD_START_RX_PAIR,
         MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
     ),
     dtype=np.int64,
@@ -164,6 +163,7 @@ _ACCEPTED_WITHOUT = np.array(
         MAV_CMD_DO_SET_CAM_TRIGG_DIST,
         MAV_CMD_DO_SET_ROI_SYSID,
         MAV_CMD_FIXED_MAG_CAL_YAW,
+        MAV_CMD_START_RX_PAIR,
     ),
     dtype=np.int64,
 )
@@ -210,7 +210,7 @@ def _set_home(m: Any, here: float, frame: int, x: int, y: int, z: float, t: floa
     if here != 1.0 and not (x == 0 and y == 0):
         if here != 0.0:
             return MAV_RESULT_FAILED
-        reference = altitude_reference(frame)
+        reference = altitude_reference(m, frame)
         if reference < 0 or not math.isfinite(z):
             return MAV_RESULT_DENIED
         if not is_place(x, y):
@@ -227,7 +227,7 @@ def _set_home(m: Any, here: float, frame: int, x: int, y: int, z: float, t: floa
 @kernel
 def _look(m: Any, frame: int, x: int, y: int, z: float) -> int:
     """Handles DO_SET_ROI and DO_SET_ROI_LOCATION: the nose points there; 0, 0, 0 ends it."""
-    reference = altitude_reference(frame)
+    reference = altitude_reference(m, frame)
     if reference < 0 or not math.isfinite(z):
         return MAV_RESULT_DENIED
     if not is_place(x, y):

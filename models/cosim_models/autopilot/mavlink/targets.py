@@ -43,6 +43,7 @@ from cosim_models.autopilot.flight.guided import (
     guide_velocity,
 )
 from cosim_models.autopilot.flight.yaw import turn_at, turn_by, turn_from
+from cosim_models.autopilot.link.statustext import FRAME_UNKNOWN, INFO, say
 from cosim_models.autopilot.mission.fences import permits
 from cosim_models.autopilot.record.modes import GUIDED, GUIDED_NOGPS, POSITION
 
@@ -71,13 +72,16 @@ _THRUST_AS_THRUST = 8  # GUID_OPTIONS
 
 
 @kernel
-def altitude_reference(frame: int) -> int:
-    """Returns the reference of altitudes in a MAV_FRAME: sea, home or terrain; -1 if not supported."""
+def altitude_reference(m: Any, frame: int) -> int:
+    """Returns the reference of altitudes in a MAV_FRAME: sea, home or terrain; -1, with a text, if not supported."""
     if frame == 0 or frame == 5:
         return _ABSOLUTE
     if frame == 3 or frame == 6:
         return _RELATIVE
-    return _TERRAIN if frame == 10 or frame == 11 else -1
+    if frame == 10 or frame == 11:
+        return _TERRAIN
+    say(m, INFO, FRAME_UNKNOWN, frame)
+    return -1
 
 
 @kernel
@@ -105,7 +109,7 @@ def reposition(m: Any, frame: int, flags: float, lat: int, lon: int, altitude: f
     change = 0.0 <= flags < 16777216.0 and (int(flags) & MAV_DO_REPOSITION_FLAGS_CHANGE_MODE) != 0
     if m.mode != GUIDED and not change:
         return MAV_RESULT_DENIED
-    reference = altitude_reference(frame)
+    reference = altitude_reference(m, frame)
     if reference < 0 or not is_place(lat, lon) or (lat == 0 and lon == 0) or not math.isfinite(altitude):
         return MAV_RESULT_DENIED
     n, e, u = locate(m, lat, lon, altitude, reference)
@@ -221,7 +225,7 @@ def hear_global_target(m: Any, t: float) -> None:
         return
     n, e, u = 0.0, 0.0, 0.0
     if (mask & _NO_POSITION) == 0:
-        reference = altitude_reference(frame)
+        reference = altitude_reference(m, frame)
         if reference < 0 or not is_place(lat, lon):
             guide_stop(m, t)
             return
@@ -235,7 +239,7 @@ def hear_guided_item(m: Any, current: int, frame: int, lat: float, lon: float, z
 
     Returns whether it is accepted.
     """
-    reference = altitude_reference(frame)
+    reference = altitude_reference(m, frame)
     if m.mode != GUIDED or reference < 0 or not math.isfinite(z):
         return False
     if current == 3:

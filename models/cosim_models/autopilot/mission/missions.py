@@ -221,6 +221,9 @@ def send_count(m: Any, kind: int, system: int, component: int) -> None:
 @kernel
 def send_item(m: Any, sequence: int, kind: int, system: int, component: int, whole: bool) -> None:
     """Answers MISSION_REQUEST_INT if `whole` (integer degrees), otherwise MISSION_REQUEST."""
+    if whole and m.uploading and kind == m.upload_kind:
+        ack_mission(m, MAV_MISSION_DENIED, kind, system, component)
+        return
     if kind == FENCE and sequence < m.fence_count:
         send_fence_item(m, sequence, system, component, whole)
         return
@@ -228,6 +231,8 @@ def send_item(m: Any, sequence: int, kind: int, system: int, component: int, who
         _send_rally_item(m, sequence, system, component, whole)
         return
     if kind != 0 or sequence >= mission_count(m):
+        if whole and kind <= RALLY:
+            send_count(m, kind, system, component)
         ack_mission(
             m, MAV_MISSION_UNSUPPORTED if kind > RALLY else MAV_MISSION_INVALID_SEQUENCE, kind, system, component
         )

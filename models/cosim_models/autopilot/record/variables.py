@@ -190,6 +190,7 @@ MEMORY = (
     Memory("link_version", dtype="i4", shape=LINKS, rare=True),
     Memory("component_known", dtype="u1", shape=256, rare=True),  # 1: heard from this component of the own system
     Memory("deprecation_told", dtype="?", rare=True),
+    Memory("log_told", dtype="?", rare=True),
     Memory("interval", shape=(LINKS, STREAM_COUNT), rare=True),
     Memory("due", shape=(LINKS, STREAM_COUNT), rare=True),
     Memory("next_due", shape=LINKS, rare=True),
