@@ -7,8 +7,8 @@ time and rate; the time of each window varies by `--noise`, and one in a hundred
 
     line   a host has two neighbours, and only packets of the drones at its ends cross
     all    every node may hear every other: packets and positions of everybody go to everybody
-    near   as `all`, with a filter that the project does not have yet: a host receives what its nodes can hear, from
-           `--neighbours` hosts
+    near   a broadcast with a range: a host receives what its nodes can hear, the packets of all drones of `--neighbours`
+           hosts with the positions of their senders, and boxes from everybody
 
 Part 0 also receives the recorded rows of all others, `--recorded` bytes per drone and simulated second.
 
@@ -30,7 +30,8 @@ from report import machine, section, show, write
 STEPS_PER_SECOND = 400
 POSITION = 24
 PACKET = 64 + 64
-"""Bytes of a position, and of a packet with its head."""
+BOXES = 8 * 48
+"""Bytes of a position, of a packet with its head, and of the boxes in which the nodes of a host are."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,19 @@ def peers_of(topology: str, hosts: int, neighbours: int) -> list[list[int]]:
     return [[q for q in range(p - reach, p + reach + 1) if q != p and 0 <= q < hosts] for p in range(hosts)]
 
 
+def bytes_of(topology: str, own: float, crossing: float, window: int) -> float:
+    """Bytes of a message at the end of a window.
+
+    Args:
+        own: drones of a host.
+        crossing: packets.
+        window: base steps.
+    """
+    if topology == "near":
+        return crossing * (PACKET + POSITION) + BOXES
+    return crossing * PACKET + (own * POSITION * window if topology == "all" else 0.0)
+
+
 def speed(
     drones: int, hosts: int, topology: str, costs: Costs, *, window: int, hidden: bool, neighbours: int, windows: int
 ) -> float:
@@ -82,8 +96,7 @@ def speed(
     peers = peers_of(topology, hosts, neighbours)
     sent = own * costs.packets * seconds
     crossing = min(2.0, own) * costs.packets * seconds if topology == "line" else sent
-    positions = 0.0 if topology == "line" else own * POSITION * window
-    size = crossing * PACKET + positions
+    size = bytes_of(topology, own, crossing, window)
     rows = own * costs.recorded * seconds
     ready = np.zeros(hosts)  # when each host may begin the next window
     arrived = np.zeros((2, hosts))  # when the messages of a window are on the wire to their receivers
@@ -115,8 +128,8 @@ def document(file: Path, costs: Costs, rows: Sequence[dict[str, Any]]) -> None:
         f"{1e6 * costs.step:g} us for a drone and base step, {1e6 * costs.message:g} us to pack, send and unpack",
         f"a message, {1e6 * costs.packet:g} us for a packet, {1e6 * costs.window:g} us of Python between windows. The",
         f"network is assumed: {1e6 * costs.latency:g} us one way, {8e-9 * costs.rate:g} Gbit/s. Efficiency: speed",
-        "divided by the number of hosts and the speed of one; then times real time. `near` has a filter",
-        "that the project does not have: a host receives only from the six that it can hear.",
+        "divided by the number of hosts and the speed of one; then times real time. `near` is a broadcast",
+        "with a range: a host receives only from the six that it can hear.",
         "",
         "| drones | topology | " + " | ".join(f"{n} host{'s' if n > 1 else ''}" for n in hosts) + " |",
         "|---" * (2 + len(hosts)) + "|",

@@ -20,16 +20,18 @@ _SHOWN = 6
 def partition_document(cut: Cut, ready: Prepared) -> dict[str, Any]:
     """Returns the JSON document of a cut; `bytes` are those of values per window, packets come on top."""
     from cosim_master.execution.partitions.cut import uses_positions
+    from cosim_master.execution.partitions.hearing import carries_positions, reach_of
     from cosim_master.stepping.layout import make_layout
 
     layout = make_layout(ready.checked, ready.network, ready.recording.signals, ready.master)
-    window = ready.clock.seconds(cut.window)
+    window, carried, reach = ready.clock.seconds(cut.window), carries_positions(ready.network), reach_of(ready.network)
     parts = []
     for part in range(cut.parts):
         instances = [i.name for i, p in zip(ready.checked.instances, cut.of_instance, strict=True) if p == part]
         nodes = [n.name for n, p in zip(ready.network.nodes, cut.of_node, strict=True) if p == part]
         reals, ints = cut.passed_on(part, layout, ready.network)
-        passed = cut.window * (8 * len(reals) + 4 * len(ints) + 8)
+        apart = len(reals) - (3 * len(nodes) if carried else 0)
+        passed = cut.window * (8 * apart + 4 * len(ints) + 8)
         parts.append({"part": part, "nodes": nodes, "instances": len(instances), "bytes": passed * (cut.parts - 1)})
     return {
         "parts": parts,
@@ -41,6 +43,8 @@ def partition_document(cut: Cut, ready: Prepared) -> dict[str, Any]:
         "links_cut": cut.links,
         "connections_cut": cut.connections,
         "positions": uses_positions(ready.network),
+        "carried": carried,
+        "reach_m": None if reach == math.inf else reach,
     }
 
 
@@ -61,7 +65,19 @@ def partition_tables(document: Mapping[str, Any]) -> Iterator[Table | str]:
         f"window: {document['window_s']:.9g} s ({limited}), {document['exchanges_per_s']:.6g} exchanges per simulated "
         f"second{hidden}"
     )
-    links = document["links_cut"]
-    radio = "any node may hear any other: all packets go to all parts" if links is None else f"{links} radio links"
-    positions = "; positions of all nodes as well" if document["positions"] else ""
-    yield f"cut: {radio}{positions}; {document['connections_cut']} delayed connections"
+    yield f"cut: {_radio(document)}; {document['connections_cut']} delayed connections"
+
+
+def _radio(document: Mapping[str, Any]) -> str:
+    """Returns the packets and positions that cross, in words."""
+    links, reach = document["links_cut"], document["reach_m"]
+    if reach is not None:
+        found = f"packets go to parts with nodes within {reach:.4g} m of their sender"
+        found = found if links is None else f"{links} radio links; {found}"
+    elif links is None:
+        found = "any node may hear any other: all packets go to all parts"
+    else:
+        found = f"{links} radio links"
+    if document["carried"]:
+        return f"{found}, with its position"
+    return f"{found}; positions of all nodes as well" if document["positions"] else found

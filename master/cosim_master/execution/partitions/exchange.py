@@ -1,13 +1,18 @@
 """The packets and values that a part of a run gives to the others and takes from them at the end of a window.
 
-given = outgoing(...)        the packets of the window and the frames of values, for one other part
-replay.take(windows)         routes the packets of all parts to the own nodes, and fills delayed connections
+exchange.outgoing()          the packets of a window and the frames of values, for each part
+exchange.kept_from(part)     the packets that a part does not get because it cannot hear them, should it be wrong
+exchange.take(given)         routes the packets of all parts to the own nodes, and fills delayed connections
+
+Where the radio depends on positions, each packet carries that of its sender; only a topology of nearest nodes needs the
+positions of all nodes at all times.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +20,7 @@ import numpy as np
 from cosim.kernel import table
 from cosim.packets import MAX_PACKET
 from cosim_master.execution.partitions.cut import Cut, uses_positions
+from cosim_master.execution.partitions.hearing import FAR, Promises, carries_positions, out_of_reach, reach_of
 from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.state import RunState
 from cosim_master.network.radio.build import grown
@@ -37,14 +43,45 @@ class Given:
 
     Attributes:
         packets, data: POST and the bytes of the packets, as many columns as the longest has.
+        places: the position of the sender of each packet, m; no columns if packets do not carry it.
         steps, reals, ints: the frames: base steps, and the values that the part passes on.
+        boxes: where its nodes are during the next two windows, see `hearing`; None: anywhere.
+        broken: in this window its nodes were not in such boxes, so that it needs the packets that are kept from it.
     """
 
     packets: np.ndarray[Any, Any]
     data: np.ndarray[Any, Any]
+    places: np.ndarray[Any, Any]
     steps: np.ndarray[Any, Any]
     reals: np.ndarray[Any, Any]
     ints: np.ndarray[Any, Any]
+    boxes: np.ndarray[Any, Any] | None = None
+    broken: bool = False
+
+    def chosen(self, which: np.ndarray[Any, Any]) -> Given:
+        """Returns the same with some of its packets."""
+        return replace(self, packets=self.packets[which], data=self.data[which], places=self.places[which])
+
+    def with_packets(self, more: Given) -> Given:
+        """Returns the same with the packets of another one, too."""
+        width = max(self.data.shape[1], more.data.shape[1])
+        data = [np.pad(one.data, ((0, 0), (0, width - one.data.shape[1]))) for one in (self, more)]
+        packets, places = ([getattr(self, n), getattr(more, n)] for n in ("packets", "places"))
+        joined = np.concatenate(packets), np.concatenate(data), np.concatenate(places)
+        return replace(self, packets=joined[0], data=joined[1], places=joined[2])
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """A window whose packets have been given and not been taken yet.
+
+    Attributes:
+        own: the part's own packets, all of them.
+        beyond: (packets, parts) which of them are kept from which part, because it cannot hear them.
+    """
+
+    own: Given
+    beyond: np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,17 +105,18 @@ class Exchange:
         self._state, self._blocks, self._part, self._cut = state, blocks, part, cut
         radio, network = state.radio, state.network
         self._heard = np.array(radio.endpoints["heard"])
+        self._told = self._heard.copy()  # the systems of which all parts know that endpoints of this one speak for them
         of_node = [*cut.of_node, *(part for _ in network.gateways)]  # each part has its own side of a gateway
         owner = np.array([of_node[n] for n in radio.endpoints["node"]], dtype=np.int64)
         self._own = owner == part
+        self._of_node = np.array(cut.of_node, dtype=np.int64)
         self._hears = self._hearing_parts()
-        self._positions = np.zeros(max(3 * len(network.nodes), 1))
-        self._nodes = [
-            np.array([n for n, one in enumerate(cut.of_node) if one == p and network.nodes[n].position], dtype=np.int64)
-            if uses_positions(network)
-            else np.zeros(0, dtype=np.int64)
-            for p in range(cut.parts)
-        ]
+        self._positions = np.full(max(3 * len(network.nodes), 1), FAR)
+        self._nodes = [self._nodes_with_positions(p) for p in range(cut.parts)]
+        self._carries, self._reach = carries_positions(network), reach_of(network)
+        self._promises = Promises(self._reach, cut.window)
+        self._boxes: list[np.ndarray[Any, Any] | None] = [None] * cut.parts
+        self._open: deque[_Window] = deque()
         self._delayed: dict[int, list[_Delayed]] = {}
         self._last: dict[int, tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]] = {}
         self._reached: dict[int, int] = {}
@@ -86,11 +124,17 @@ class Exchange:
         if first:
             self._go_on(first)
 
+    def _nodes_with_positions(self, part: int) -> np.ndarray[Any, Any]:
+        """Returns the nodes of a part whose positions begin its frames."""
+        network = self._state.network
+        some = enumerate(self._cut.of_node) if uses_positions(network) else ()
+        return np.array([n for n, one in some if one == part and network.nodes[n].position], dtype=np.int64)
+
     def _hearing_parts(self) -> np.ndarray[Any, Any]:
         """Returns, for each endpoint, the parts with a node that may hear it: (endpoints, parts)."""
         radio, settings = self._state.radio, self._state.radio.settings[0]
         listed = self._state.network.topology == "listed" and settings["medium"] == 0
-        parts = np.array(self._cut.of_node, dtype=np.int64)
+        parts = self._of_node
         found = np.full((radio.endpoints.size, self._cut.parts), not listed)
         if listed:
             for e, n in enumerate(radio.endpoints["node"]):
@@ -100,25 +144,58 @@ class Exchange:
 
     def _replace_delays(self) -> None:
         """Lets the loop only read the lines of delayed values that other parts pass on."""
-        layout, network, plan = self._state.layout, self._state.network, self._state.plan
-        places = {p: self._cut.passed_on(p, layout, network) for p in range(self._cut.parts)}
+        layout, plan = self._state.layout, self._state.plan
+        places = {p: self._passed_on(p) for p in range(self._cut.parts)}
         for row, kind, source, owner, target in self._cut.crossing(layout):
             if target == self._part:
                 self._delayed.setdefault(owner, []).append(_Delayed(row, kind, _column(places[owner], kind, source)))
                 plan.delays[row]["source"] = -1
+
+    def _passed_on(self, owner: int) -> tuple[list[int], list[int]]:
+        """Returns the places of the values that a part gives to this one; of its own, all."""
+        reals, ints = self._cut.passed_on(owner, self._state.layout, self._state.network)
+        hidden = 3 * len(self._nodes[owner]) if self._carries and owner != self._part else 0
+        return reals[hidden:], ints
 
     def _go_on(self, k: int) -> None:
         """Takes the values of all parts at a checkpoint as their latest frames."""
         plan = self._state.plan
         feed(plan, k, plan.feeds[:0])  # values that connections convert
         for owner in range(self._cut.parts):
-            reals, ints = self._cut.passed_on(owner, self._state.layout, self._state.network)
+            reals, ints = self._passed_on(owner)
             self._last[owner], self._reached[owner] = (plan.real_out[_row(reals)], plan.int_out[_row(ints)]), k
 
     # ---- giving ------------------------------------------------------------------------------------------------------
 
+    @property
+    def broken(self) -> bool:
+        """Whether packets of the oldest open window are missing here, since nodes were not where they had promised."""
+        return self._open[0].own.broken
+
     def outgoing(self) -> list[Given]:
         """Returns what the part gives to each part, including itself, and empties its outbox and frames."""
+        own = self._own_window()
+        beyond = self._out_of_reach(own)
+        self._open.append(_Window(own, beyond))
+        radio_only, news = own.packets["number"] >= 0, self._news(own.packets)
+        own_columns = 3 * len(self._nodes[self._part]) if self._carries else 0
+        shared = replace(own, reals=own.reals[:, own_columns:])
+        given = []
+        for part in range(self._cut.parts):
+            kept = radio_only & self._hears[own.packets["endpoint"], part]
+            if beyond.shape[1]:
+                kept &= ~beyond[:, part]
+            heads = ~kept & news
+            if part == self._part:
+                given.append(own)
+            else:
+                one = shared.chosen(kept | heads)
+                one.packets["number"][heads[kept | heads]] = -1
+                given.append(one)
+        return given
+
+    def _own_window(self) -> Given:
+        """Returns everything that the part has sent in this window."""
         radio, frames = self._state.radio, self._state.frames
         assert frames is not None
         n, used = int(radio.counters[POSTED]), int(frames.counters[USED])
@@ -127,43 +204,87 @@ class Exchange:
         data = np.array(radio.posted[:n, :width])
         steps, reals, ints = (np.array(one[:used]) for one in (frames.steps, frames.reals, frames.ints))
         radio.counters[POSTED], frames.counters[USED] = 0, 0
-        given = []
-        for part in range(self._cut.parts):
-            if n and not self._hears[:, part].all() and part != self._part:
-                kept = self._hears[packets["endpoint"], part]
-                heads = ~kept & self._news(packets)
-                chosen = kept | heads
-                some = np.array(packets[chosen])
-                some["number"][heads[chosen]] = -1
-                given.append(Given(some, data[chosen], steps, reals, ints))
-            else:
-                given.append(Given(packets, data, steps, reals, ints))
-        return given
+        own = Given(packets, data, np.zeros((n, 0)), steps, reals, ints)
+        if self._carries and n:
+            own = replace(own, places=self._places_of_senders(own))
+        if self._reach == np.inf:
+            return own
+        known, at = self._known(own)
+        if not len(at):
+            return own
+        broken = self._promises.broken(at[-len(steps) :] if len(steps) else at[-1:])
+        return replace(own, boxes=self._promises.make(known, at), broken=broken)
+
+    def _known(self, own: Given) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+        """Returns base steps, and the own nodes' positions then: those of a window, and the last ones before it."""
+        nodes, steps, reals = len(self._nodes[self._part]), own.steps, own.reals
+        before = self._open[-1].own if self._open and len(self._open[-1].own.steps) else None
+        if before is not None:
+            steps, reals = np.append(before.steps[-1:], steps), np.concatenate([before.reals[-1:], reals])
+        elif (last := self._last.get(self._part)) is not None:
+            steps, reals = np.append(self._reached[self._part], steps), np.concatenate([last[0], reals])
+        return steps, reals[:, : 3 * nodes].reshape(len(steps), nodes, 3)
+
+    def _places_of_senders(self, own: Given) -> np.ndarray[Any, Any]:
+        """Returns the position of each packet's sender when it was sent, m."""
+        nodes = self._nodes[self._part]
+        known, at = self._known(own)
+        if not len(at):
+            return np.full((len(own.packets), 3), np.nan)
+        rows = np.maximum(np.searchsorted(self._times(known), own.packets["time"], side="right") - 1, 0)
+        senders = self._state.radio.endpoints["node"][own.packets["endpoint"]]
+        return np.asarray(at[rows, np.searchsorted(nodes, senders)])
+
+    def _out_of_reach(self, own: Given) -> np.ndarray[Any, Any]:
+        """Returns the packets that other parts cannot hear: (packets, parts), without columns if none is kept."""
+        if self._reach == np.inf or not len(own.packets):
+            return np.zeros((len(own.packets), 0), dtype=bool)
+        beyond = np.zeros((len(own.packets), self._cut.parts), dtype=bool)
+        for part, boxes in enumerate(self._boxes):
+            if part != self._part and boxes is not None:
+                beyond[:, part] = out_of_reach(self._reach, own.places, boxes)
+        return beyond
 
     def _news(self, packets: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         """Returns which packets are sent by another system than their endpoint's packet before."""
-        heard = {int(e): int(self._heard[e]) for e in set(packets["endpoint"])}
         news = np.zeros(len(packets), dtype=bool)
         for i, (e, system) in enumerate(zip(packets["endpoint"], packets["system"], strict=True)):
-            news[i] = heard[int(e)] != system
-            heard[int(e)] = int(system)
+            news[i] = self._told[e] != system
+            self._told[e] = system
         return news
+
+    def kept_from(self, part: int) -> Given:
+        """Returns the packets of the oldest open window that were kept from a part because it could not hear them."""
+        own, beyond = self._open[0].own, self._open[0].beyond
+        which = np.zeros(len(own.packets), dtype=bool)
+        if beyond.shape[1]:
+            which = beyond[:, part] & (own.packets["number"] >= 0) & self._hears[own.packets["endpoint"], part]
+            beyond[:, part] = False
+        return replace(own, steps=own.steps[:0], reals=own.reals[:0], ints=own.ints[:0]).chosen(which)
 
     # ---- taking ------------------------------------------------------------------------------------------------------
 
     def take(self, given: Sequence[Given]) -> None:
-        """Takes what all parts have given for one window, in the order of parts."""
+        """Takes what all parts have given for the oldest open window, in the order of parts."""
+        beyond = self._open.popleft().beyond
         for owner, one in enumerate(given):
             self._fill(owner, one)
-        total = [one.packets for one in given]
-        packets = np.concatenate(total) if total else np.zeros(0, dtype=POST)
+            self._boxes[owner] = one.boxes
+        packets = np.concatenate([one.packets for one in given]) if given else np.zeros(0, dtype=POST)
         data = np.zeros((len(packets), MAX_PACKET), dtype=np.uint8)
+        away = np.zeros((len(packets), beyond.shape[1]), dtype=np.uint8)
+        places = np.zeros((len(packets), 3))
         first = 0
-        for one in given:
-            data[first : first + len(one.packets), : one.data.shape[1]] = one.data
+        for owner, one in enumerate(given):
+            span = slice(first, first + len(one.packets))
+            data[span, : one.data.shape[1]] = one.data
+            if one.places.shape[1]:
+                places[span] = one.places
+            if owner == self._part:
+                away[span] = beyond
             first += len(one.packets)
         order = np.lexsort((packets["turn"], packets["endpoint"], packets["time"]))
-        packets, data = table(packets[order]), data[order]
+        packets, data, away, places = table(packets[order]), data[order], away[order], places[order]
         state = self._state
         now = np.array(state.radio.endpoints["heard"])
         state.radio.endpoints["heard"] = self._heard
@@ -171,11 +292,21 @@ class Exchange:
         for begin, end in zip([0, *ends], [*ends, len(packets)], strict=True):
             if end > begin:
                 self._place(given, int(packets["time"][begin]))
-                self._replay(packets, data, int(begin), int(end))
+                if self._carries:
+                    senders = state.radio.endpoints["node"][packets["endpoint"][begin:end]]
+                    self._positions.reshape(-1, 3)[senders] = places[begin:end]
+                self._replay(packets, data, away, int(begin), int(end))
         self._heard = np.array(state.radio.endpoints["heard"])
         state.radio.endpoints["heard"][self._own] = now[self._own]
 
-    def _replay(self, packets: np.ndarray[Any, Any], data: np.ndarray[Any, Any], begin: int, end: int) -> None:
+    def _replay(
+        self,
+        packets: np.ndarray[Any, Any],
+        data: np.ndarray[Any, Any],
+        away: np.ndarray[Any, Any],
+        begin: int,
+        end: int,
+    ) -> None:
         state = self._state
         each = int(copies(state.radio))
         many = max(1, _AT_ONCE // each)
@@ -185,12 +316,14 @@ class Exchange:
             if need > state.radio.counters[FREE_PLACES]:
                 state.radio = grown(state.radio, need)
             self._blocks.make_room(need, 0)
-            replay(state.radio, self._positions, packets, data, first, last)
+            replay(state.radio, self._positions, packets, data, self._of_node, away, first, last)
 
     def _place(self, given: Sequence[Given], time: int) -> None:
-        """Sets the positions of all nodes to those at a time, ns."""
+        """Sets the positions of all nodes to those at a time, ns; if packets carry them, of the own ones only."""
+        if self._carries:
+            self._positions[:] = FAR
         for owner, (nodes, one) in enumerate(zip(self._nodes, given, strict=True)):
-            if nodes.size:
+            if nodes.size and (owner == self._part or not self._carries):
                 row = int(np.searchsorted(self._times(one.steps), time, side="right")) - 1
                 values = one.reals[row] if row >= 0 else self._last[owner][0][0]  # a part that has failed has no frames
                 at = values[: 3 * nodes.size].reshape(-1, 3)

@@ -14,6 +14,7 @@ A part that fails goes on exchanging empty windows until part 0, which has its e
 from __future__ import annotations
 
 import pickle
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -163,6 +164,7 @@ class PartExecution(Execution):
         self._saved: Saved | None = None
         self._open: list[tuple[int, list[Given | None], Requests]] = []
         self._requests = Requests()
+        self._early: dict[int, deque[Message]] = {p: deque() for p in range(cut.parts)}
         self._periods: tuple[int, ...] = ()
         self._ending = self._last_window = self._dismissed = self._begun = self.over = False
         self._failure: tuple[int, tuple[tuple[Any, ...], ...]] | None = None
@@ -291,17 +293,21 @@ class PartExecution(Execution):
         assert self._exchange is not None
         end, given, requests = self._open[0]
         for other in self._others:
-            message: Message = pickle.loads(self.transport.receive(other))
+            message = self._next(other)
             if message.over:
                 self.over = self._dismissed = True
                 self._open.clear()
                 return
             given[other] = message.given
+            if message.given is not None and message.given.broken:
+                self.transport.send(other, pickle.dumps(self._exchange.kept_from(other), protocol=5))
             requests = message.requests or requests
             self._last_window = self._last_window or message.ending
             if message.report is not None:
                 self.reported(other, message.report)
         self._open.pop(0)
+        if self._exchange.broken:
+            given = [one if p == self.part else self._with_missing(p, one) for p, one in enumerate(given)]
         self._exchange.take([one for one in given if one is not None])
         self._replayed = end
         for gateway, packets in requests.entering:
@@ -309,6 +315,20 @@ class PartExecution(Execution):
         if self.part != 0:
             for change, k in requests.changes:
                 self.agenda.request(change, k, self.clock)
+
+    def _next(self, other: int) -> Message:
+        """Returns the next message of a window from another part."""
+        if self._early[other]:
+            return self._early[other].popleft()
+        message: Message = pickle.loads(self.transport.receive(other))
+        return message
+
+    def _with_missing(self, other: int, given: Given | None) -> Given:
+        """Returns what another part has given for a window, with the packets that it had kept from this one."""
+        assert given is not None
+        while not isinstance(found := pickle.loads(self.transport.receive(other)), Given):
+            self._early[other].append(found)
+        return given.with_packets(found)
 
     def _meet(self, *, last: bool) -> None:
         """Reports the values of an instant to part 0, where the packets sent until then have been replayed."""
@@ -323,7 +343,7 @@ class PartExecution(Execution):
         else:
             self.reported(0, whole)
             for other in self._others:
-                message: Message = pickle.loads(self.transport.receive(other))
+                message = self._next(other)
                 assert message.report is not None
                 self.reported(other, message.report)
         if last or self._at >= self.clock.steps:

@@ -156,7 +156,7 @@ def transmit(
             t = departure(r, t, n, stop - start)
         taken = True
         r.counters[TURN] += 1
-        if r.nodes[other].elsewhere != 0:
+        if r.nodes[other].elsewhere == 1:
             continue
         if t < 0:
             record_event(r, sent, -1, e, other, buf, start, stop, LOST_QUEUE)

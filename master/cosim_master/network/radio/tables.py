@@ -161,7 +161,7 @@ NODE = np.dtype(
         ("channel", "i8"),  # it sends by channels[channel:unchannelled], and by SETTINGS to hearers of other kinds
         ("unchannelled", "i8"),
         ("relay", "i8"),  # the endpoint by which it sends packets on, -1: it does not relay
-        ("elsewhere", "i8"),  # 1: its instances are in another part of the run
+        ("elsewhere", "i8"),  # 1: its instances are in another part of the run; 2: and it is out of reach
     ]
 )
 
