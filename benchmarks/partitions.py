@@ -7,8 +7,8 @@ time and rate; the time of each window varies by `--noise`, and one in a hundred
 
     line   a host has two neighbours, and only packets of the drones at its ends cross
     all    every node may hear every other: packets and positions of everybody go to everybody
-    near   a broadcast with a range: a host receives what its nodes can hear, the packets of all drones of `--neighbours`
-           hosts with the positions of their senders, and boxes from everybody
+    near   a broadcast with a range: a host receives what its nodes can hear, the packets of all drones of
+           `--neighbours` hosts with the positions of their senders, and boxes from everybody
 
 Part 0 also receives the recorded rows of all others, `--recorded` bytes per drone and simulated second.
 
