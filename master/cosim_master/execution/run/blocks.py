@@ -57,8 +57,10 @@ class Blocks:
     def complete(self) -> None:
         with suppress(RecordingFailed):  # a file may be able to hold values that a journal cannot, and vice versa
             self.hand_over()
-        self.rows()
-        self.packets()
+        try:
+            self.rows()
+        finally:
+            self.packets()
 
     # ---- rows --------------------------------------------------------------------------------------------------------
 

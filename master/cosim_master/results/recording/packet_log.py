@@ -9,15 +9,15 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from cosim_master.diagnostics.errors import RecordingFailed
 from cosim_master.network.radio.tables import OUTCOMES
+from cosim_master.results.recording.behind import Behind
 from cosim_master.results.recording.table_file import TableFile
 from cosim_master.results.storage.arrays import array_of, text_of, texts
 from cosim_master.results.storage.parquet import packets_schema
@@ -41,18 +41,22 @@ def log_names(network: Network) -> list[str]:
 
 _GROUP = 1 << 16
 """Packets of a row group, except where a checkpoint ends it."""
+_COPIED = 8 << 20
+"""Bytes of the log that are copied, so that the run goes on while they are written; it waits for longer blocks."""
 
 
 class PacketLog:
     """Writes packets to the journal and the logs as soon as it receives them, and collects them for the file.
 
     Args:
+        file: the file of packets.
         logs: the open files of `log_names`, in this order.
+        behind: the thread that writes the journal, and the logs.
     """
 
     every = 0
 
-    def __init__(self, file: TableFile, network: Network, logs: Sequence[Any]) -> None:
+    def __init__(self, file: TableFile, network: Network, logs: Sequence[Any], behind: Behind) -> None:
         nodes = _node_names(network)
         self._names = {
             "source": texts([name for name, _ in network.senders()]),
@@ -60,10 +64,10 @@ class PacketLog:
             "outcome": texts(OUTCOMES),
         }
         self._last = len(nodes)  # the target of packets without one
-        self._file, self._logs, self._files = file, logs, log_names(network)
-        self._ends = np.zeros(len(logs), np.int64)
+        self._file, self._logs, self._files, self._behind = file, logs, log_names(network), behind
+        self._ends, self._broken = np.zeros(len(logs), np.int64), False
         self._schema = packets_schema()
-        self._seen = self._in_logs = 0  # events and bytes of the chunk that are written
+        self._seen = self._in_logs = 0  # events and bytes of the chunk that are taken
         self._group: list[pa.Table] = []
         self._used = 0
 
@@ -74,40 +78,45 @@ class PacketLog:
         """Writes packets.
 
         Raises:
-            RecordingFailed: a file cannot be written.
+            RecordingFailed: a file cannot be written; these packets or earlier ones are missing in it.
         """
-        file, events, log = self._file, packets.events.size, packets.log.size
-        while self._seen < events and not (file.faults.journal and file.faults.files):
-            end = events if file.faults.files else min(events, self._seen + _GROUP - self._used)
-            part = self._table(packets.events[self._seen : end])
-            if not file.faults.journal:
-                with file.faults.noted(file.journal_file):
-                    file.journal.packets(part)
+        faults, events, log = self._file.faults, packets.events.size, packets.log.size
+        while self._seen < events and not (faults.journal and faults.files):
+            end = min(events, self._seen + _GROUP - self._used)
+            self._behind.call(partial(self._write, packets.events[self._seen : end].copy()))
+            self._used += end - self._seen
             self._seen = end
-            if not file.faults.files:
-                self._group.append(part)
-                self._used += part.num_rows
-                if self._used == _GROUP:
-                    self.end_group()
+            if self._used == _GROUP:
+                self.end_group()
         if log > self._in_logs:
-            with file.faults.noted(Path(self._logs[-1].name)):
-                block = packets.log[self._in_logs :]
-                self._in_logs = log
-                self._write_logs(block)
+            block = packets.log[self._in_logs :]
+            self._in_logs = log
+            if block.size <= _COPIED:
+                self._behind.call(partial(self._write_logs, block.copy()))
+            else:
+                self._behind.call(partial(self._write_logs, block))
+                self._behind.wait()
+        faults.check()
         if complete:
             self._seen = self._in_logs = 0
 
-    def end_group(self) -> None:
-        """Writes the packets collected as a row group.
+    def _write(self, events: np.ndarray[Any, Any]) -> None:
+        """Appends packets to the journal and the row group."""
+        part = self._table(events)
+        if not self._file.faults.journal:
+            with self._file.in_journal() as journal:
+                journal.packets(part)
+        self._group.append(part)
 
-        Raises:
-            RecordingFailed: a file cannot be written. If it is the journal, the row group may be written again.
-        """
-        if self._used and not self._file.faults.files:
-            group = list(self._group)
-            self._file.write(self._used, lambda: pa.concat_tables(group).combine_chunks())
-        self._group.clear()
+    def end_group(self) -> None:
+        """Writes the packets so far as a row group."""
+        if self._used:
+            self._behind.call(partial(self._end_group, self._used))
         self._used = 0
+
+    def _end_group(self, rows: int) -> None:
+        group, self._group = self._group, []
+        self._file.end_group(rows, lambda: pa.concat_tables(group).combine_chunks())
 
     def _table(self, events: np.ndarray[Any, Any]) -> pa.Table:
         arrival = events["arrival"]
@@ -125,17 +134,23 @@ class PacketLog:
         """Writes the entries of a block (`Packets.log`) to the logs of their nodes, and those sent to the last one."""
         from cosim_master.network.radio.logs import divide  # a kernel: others import this module for a name
 
+        if self._broken:
+            return  # a log that goes on after a gap would be read as one without
+        self._broken = True
         divide(block, EPOCH, self._ends, content := np.empty(2 * block.size, np.uint8))
         begin = 0
-        for log, end in zip(self._logs, self._ends.tolist(), strict=True):
-            if end > begin:
-                log.write(content[begin:end].data)
-                log.flush()
-            begin = end
+        with self._file.faults.noted(Path(self._logs[-1].name)):
+            for log, end in zip(self._logs, self._ends.tolist(), strict=True):
+                if end > begin:
+                    log.write(content[begin:end].data)
+                    log.flush()
+                begin = end
+            self._broken = False
 
     def take_over(self, table: pa.Table) -> None:
         """Appends a row group of an earlier recording. Raises OSError."""
         self._file.append(table.num_rows, lambda: table)
+        self._file.behind.wait()
         self._file.journal.packets(table)
         self._file.journal.end_group("packets")
 
@@ -152,15 +167,12 @@ class PacketLog:
         return {name: log.tell() for name, log in zip(self._files, self._logs, strict=True)}
 
     def closed(self) -> None:
-        """Completes the files.
-
-        Raises:
-            RecordingFailed: they cannot be completed; the journal remains.
-        """
-        with suppress(RecordingFailed):  # of the journal alone: the file can do without the end of a group in it
-            self.end_group()
+        """Begins to complete the files."""
         self.end_group()
-        self._file.close()
+        self._behind.call(self._file.close)
+        self._behind.call(self._close_logs)
+
+    def _close_logs(self) -> None:
         if not self._file.faults.files:
             with self._file.faults.noted(Path(self._logs[-1].name)):
                 for log in self._logs:

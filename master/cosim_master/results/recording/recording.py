@@ -19,6 +19,7 @@ import errno
 import shutil
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing, suppress
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -27,12 +28,13 @@ import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import CosimError, Problem, RecordingFailed, SystemDescriptionError, Where
 from cosim_master.results.reading.links import Links, in_manifest, read_links
+from cosim_master.results.recording.behind import Behind
 from cosim_master.results.recording.packet_log import PacketLog, log_names
 from cosim_master.results.recording.signals import SignalRecorder
 from cosim_master.results.recording.table_file import Faults, TableFile
 from cosim_master.results.storage.checkpoint_folder import Checkpoint, Position, segments
 from cosim_master.results.storage.columns import columns_of
-from cosim_master.results.storage.journal import FOLDER, Journal, goes_on
+from cosim_master.results.storage.journal import FOLDER, Journal, goes_on, journal_of
 from cosim_master.results.storage.manifest_file import NAME, RunningManifest, write_manifest
 from cosim_master.results.storage.parquet import packets_schema, packets_writer, signals_writer
 from cosim_master.results.storage.run_folder import clear
@@ -45,6 +47,8 @@ __all__ = ["Recording", "check_columns"]
 
 _CHANGING = ("outcome", "simulated_s", "wall_s", "real_time_factor", "packets")
 """Keys of the manifest that change during the run."""
+_AHEAD = 64
+"""Calls that wait for the thread of the journal; signals and packets have smaller limits of their own."""
 
 
 class _Advancing:
@@ -52,24 +56,30 @@ class _Advancing:
 
     every = 0
 
-    def __init__(self, manifest: RunningManifest, file: Path) -> None:
-        self._manifest, self._file = manifest, file
+    def __init__(self, manifest: RunningManifest, file: Path, faults: Faults, behind: Behind) -> None:
+        self._manifest, self._file, self._faults, self._behind = manifest, file, faults, behind
 
     def initialised(self, seen: Seen) -> None: ...
     def stepped(self, seen: Seen) -> None: ...
     def closed(self) -> None: ...
 
     def progressed(self, progress: Progress) -> None:
-        """Writes the progress when all values up to it are in the journal."""
+        """Writes the progress when all values up to it are in the journal.
+
+        Raises:
+            RecordingFailed: a file cannot be written.
+        """
         if not progress.kept:
             return
         simulated, wall = progress.time - progress.start, progress.wall
         now = {"simulated_s": simulated, "packets": dict(progress.counts)}
         now |= {"wall_s": wall, "real_time_factor": simulated / wall if wall > 0 else 0.0}
-        try:
+        self._behind.call(partial(self._update, now))
+        self._faults.check()
+
+    def _update(self, now: Mapping[str, Any]) -> None:
+        with self._faults.noted(self._file):
             self._manifest.update(now)
-        except OSError as error:
-            raise RecordingFailed(str(self._file), error.strerror or str(error)) from None
 
 
 class Recording:
@@ -106,7 +116,7 @@ class Recording:
         self.folder = folder
         self._in_segments = in_segments
         self._columns = columns_of(checked, layout)
-        self._faults = Faults()
+        self._faults, self._behind = Faults(), Behind("journal of a run", _AHEAD)
         self._files: dict[str, TableFile] = {}
         self._log: PacketLog | None = None
         self._links: Links | None = None
@@ -131,19 +141,20 @@ class Recording:
         journal = Journal(folder, self._columns, packets_schema() if network is not None else None)
         self._opened.enter_context(closing(journal))
         writer = signals_writer(folder / FOLDER / "signals.parquet", self._columns.schema)
-        self._signals = SignalRecorder(self._table_file("signals", writer, journal), self._columns)
+        self._signals = SignalRecorder(self._table_file("signals", writer, journal), self._columns, self._behind)
         if network is not None:
             (folder / "packets").mkdir(exist_ok=True)
             file = self._table_file("packets", packets_writer(folder / FOLDER / "packets.parquet"), journal)
             logs = [self._opened.enter_context((folder / name).open("wb")) for name in log_names(network)]
-            self._log = PacketLog(file, network, logs)
+            self._log = PacketLog(file, network, logs, self._behind)
         self._manifest = self._opened.enter_context(closing(RunningManifest(folder, manifest, *_CHANGING)))
-        self._advancing = _Advancing(self._manifest, folder / NAME)
+        self._advancing = _Advancing(self._manifest, folder / NAME, self._faults, self._behind)
+        self._opened.callback(self._behind.stop)  # before all others: it writes to the files
 
     def _table_file(self, what: str, writer: Any, journal: Journal) -> TableFile:
         self._opened.enter_context(closing(writer))
         file = TableFile(self.folder, what, writer, journal, self._faults, in_segments=self._in_segments)
-        self._opened.callback(file.stop)
+        self._opened.callback(file.behind.stop)
         self._files[what] = file
         return file
 
@@ -158,12 +169,27 @@ class Recording:
         self._signals.end_group()
         if self._log is not None:
             self._log.end_group()
+        self._written()
         groups = {what: file.groups for what, file in self._files.items()}
         return Position(**groups, tlogs={} if self._log is None else self._log.lengths())
 
     def segments(self) -> list[Path]:
-        """Returns the complete segments since the last call; the caller then owns them."""
-        return [segment for file in self._files.values() for segment in file.segment()]
+        """Returns the complete segments since the last call; the caller then owns them.
+
+        Raises:
+            RecordingFailed: a file cannot be written.
+        """
+        self._written()
+        found = [segment for file in self._files.values() for segment in file.segment()]
+        self._faults.check()
+        return found
+
+    def _written(self) -> None:
+        """Waits for all that the threads have to write. Raises RecordingFailed."""
+        self._behind.wait()
+        for file in self._files.values():
+            file.behind.wait()
+        self._faults.check()
 
     def _take_over(self, checkpoint: Checkpoint) -> None:
         """Copies the recording of a checkpoint's run up to the checkpoint: the same row groups, the same bytes."""
@@ -173,7 +199,8 @@ class Recording:
             if self._log is not None:
                 self._copy(checkpoint, self._log, "packets", packets_schema(), position.packets)
                 self._log.take_over_logs(checkpoint.run, position.tlogs or {})
-        except (OSError, ValueError, KeyError) as error:
+            self._written()
+        except (OSError, ValueError, KeyError, RecordingFailed) as error:
             self._close()
             clear(self.folder)
             raise _cannot_take_over(checkpoint, str(error)) from None
@@ -212,18 +239,26 @@ class Recording:
         return failure
 
     def _complete(self) -> None:
+        with suppress(RecordingFailed):  # of the journal alone: the files can do without it
+            self._written()
+        if self._faults.failure is None:
+            with self._faults.noted(self.folder / "signals.parquet"):
+                for file in sorted((self.folder / FOLDER).glob("*.parquet")):
+                    file.replace(self.folder / file.name)
         if self._faults.failure is not None:
             raise self._faults.failure
-        with self._faults.noted(self.folder / "signals.parquet"):
-            for file in sorted((self.folder / FOLDER).glob("*.parquet")):
-                file.replace(self.folder / file.name)
         self.links()
 
     def links(self) -> Links | None:
-        """Returns the links by radio, once the observers are closed; None: packets are not recorded, or incomplete."""
+        """Returns the links by radio, once the observers are closed; None: packets are not recorded, or incomplete.
+
+        Until the files are complete, the journal has the packets.
+        """
         if self._log is not None and self._links is None:
-            with suppress(CosimError):  # a failed run may have recorded less than a file
-                self._links = read_links(self.folder)
+            self._behind.wait()
+            if not self._faults.journal or journal_of(self.folder, "packets") is None:
+                with suppress(CosimError):  # a failed run may have recorded less than a file
+                    self._links = read_links(self.folder)
         return self._links
 
     def write_manifest(self, manifest: Mapping[str, Any]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import RecordingFailed
+from cosim_master.results.recording.behind import Behind
 from cosim_master.results.storage.journal import FOLDER, Journal
 from cosim_master.results.storage.parquet import ROW_GROUP
 
 __all__ = ["Faults", "TableFile"]
 
+_AHEAD = 16
+"""Calls that wait for the thread of a file."""
+
 
 class Faults:
-    """The files of a recording that could not be written.
+    """The files of a recording that could not be written. Any thread may note one; the run's own thread raises it.
 
     Attributes:
         journal: whether the journal is among them; it is not written again.
@@ -31,23 +34,33 @@ class Faults:
     def __init__(self) -> None:
         self.journal = self.files = False
         self.failure: RecordingFailed | None = None
+        self._new: RecordingFailed | None = None
 
     @contextmanager
     def noted(self, file: Path) -> Iterator[None]:
-        """Raises RecordingFailed if the file cannot be written."""
+        """Notes if the file cannot be written."""
         try:
             yield
         except OSError as error:
             failure = RecordingFailed(str(file), os.strerror(error.errno) if error.errno else str(error))
             if file.suffix == ".arrows":
                 self.journal = True
-            else:
+            elif file.suffix != ".json":
                 self.files, self.failure = True, self.failure or failure
-            raise failure from None
+            self._new = failure
+
+    def check(self) -> None:
+        """Raises RecordingFailed if a file could not be written since the last call."""
+        failure, self._new = self._new, None
+        if failure is not None:
+            raise failure
 
 
 class TableFile:
     """A table of a run: signals or packets.
+
+    A thread of its own writes it: numpy and pyarrow sort and compress without the interpreter's lock, so the run goes
+    on meanwhile.
 
     Args:
         folder: the folder of the run's results.
@@ -57,7 +70,8 @@ class TableFile:
         in_segments: also write the row groups to segments for checkpoints.
 
     Attributes:
-        groups: the number of row groups written.
+        behind: the thread.
+        groups: the number of row groups given.
     """
 
     def __init__(
@@ -68,81 +82,63 @@ class TableFile:
         self._what, self._writer, self._in_segments = what, writer, in_segments
         self._segment_file = folder / "checkpoints" / f"{what}.parquet"
         self._segment: Any = None
-        self._thread = ThreadPoolExecutor(1, f"{what} of a run")
-        self._pending: Future[None] | None = None
+        self.behind = Behind(f"{what} of a run", _AHEAD)
 
-    @property
-    def journal_file(self) -> Path:
-        return self._file.with_suffix(".arrows")
+    @contextmanager
+    def in_journal(self) -> Iterator[Journal]:
+        """Yields the journal, and notes if it cannot be written."""
+        with self.faults.noted(self._file.with_suffix(".arrows")):
+            yield self.journal
 
-    def write(self, rows: int, make: Callable[[], pa.Table]) -> None:
-        """Marks the end of a row group in the journal, and writes it to the file.
+    def end_group(self, rows: int, make: Callable[[], pa.Table]) -> None:
+        """Marks the end of a row group in the journal, and writes it to the file, as `append` does."""
+        if not self.faults.journal:
+            with self.in_journal() as journal:
+                journal.end_group(self._what)
+        self.append(rows, make)
+
+    def append(self, rows: int, make: Callable[[], pa.Table]) -> None:
+        """Writes a row group to the file alone, in its thread.
 
         Args:
             rows: the number of rows.
-            make: makes the table, in another thread; its data must not change until the next call.
-
-        Raises:
-            RecordingFailed: a file cannot be written; the same row group may then be given again.
+            make: makes the table, in that thread.
         """
-        if not self.faults.journal:
-            with self.faults.noted(self.journal_file):
-                self.journal.end_group(self._what)
-        with self.faults.noted(self._file):
-            self.append(rows, make)
-
-    def append(self, rows: int, make: Callable[[], pa.Table]) -> None:
-        """Writes a row group to the file alone, as `write` does; the one before is complete then.
-
-        numpy and pyarrow sort and compress without the interpreter's lock, so the run goes on meanwhile.
-
-        Raises:
-            OSError: this row group or the one before cannot be written.
-        """
-        self._wait()
         self.groups += -(-rows // ROW_GROUP) or 1
-        self._pending = self._thread.submit(self._append, make)
-
-    def _wait(self) -> None:
-        pending, self._pending = self._pending, None
-        if pending is not None:
-            pending.result()
+        self.behind.call(lambda: self._append(make))
 
     def _append(self, make: Callable[[], pa.Table]) -> None:
         table = make()
-        self._writer.write_table(table)
-        if self._in_segments:
-            if self._segment is None:
-                self._segment_file.parent.mkdir(exist_ok=True)
-                self._segment = pq.ParquetWriter(self._segment_file, table.schema, compression="zstd")
-            self._segment.write_table(table)
+        if self.faults.files:
+            return
+        with self.faults.noted(self._file):
+            self._writer.write_table(table)
+            if self._in_segments:
+                if self._segment is None:
+                    self._segment_file.parent.mkdir(exist_ok=True)
+                    self._segment = pq.ParquetWriter(self._segment_file, table.schema, compression="zstd")
+                self._segment.write_table(table)
 
     def segment(self) -> list[Path]:
         """Returns the complete segment since the last call, if it has rows; the caller then owns it.
 
-        Raises:
-            RecordingFailed: a row group cannot be written.
+        The calls of the thread must have been waited for.
         """
-        with self.faults.noted(self._file):
-            self._wait()
         if self._segment is None:
             return []
-        self._segment.close()
+        with self.faults.noted(self._file):
+            self._segment.close()
         self._segment = None
         return [self._segment_file]
 
     def close(self) -> None:
-        """Completes the file.
+        """Completes the file, in its thread."""
+        self.behind.call(self._close)
 
-        Raises:
-            RecordingFailed: it cannot be completed.
-        """
-        if not self.faults.files:
-            with self.faults.noted(self._file):
-                for segment in self.segment():
-                    segment.unlink()
-                self._writer.close()
-
-    def stop(self) -> None:
-        """Ends the thread, after the row group that it is writing."""
-        self._thread.shutdown()
+    def _close(self) -> None:
+        if self.faults.files:
+            return
+        with self.faults.noted(self._file):
+            for segment in self.segment():
+                segment.unlink()
+            self._writer.close()

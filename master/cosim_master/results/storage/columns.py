@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from cosim_master.results.storage.arrays import array_of, texts
 from cosim_master.stepping.observation import Rows
@@ -44,13 +46,24 @@ class Columns:
         wide = self.count(*_WIDE.values())
         return self.count(pa.float64()), self.count(pa.int32(), pa.bool_()) + 2 * wide, self.count(pa.string())
 
-    def table(self, rows: Rows) -> pa.Table:
-        """Returns rows as a table."""
-        time, reals, integers = rows.time, np.ascontiguousarray(rows.reals.T), np.ascontiguousarray(rows.integers.T)
+    def table(
+        self,
+        time: NDArray[np.float64],
+        reals: NDArray[np.float64],
+        integers: NDArray[np.int32],
+        rows: Sequence[Sequence[str]],
+    ) -> pa.Table:
+        """Returns recorded rows as a table, which shares the memory of contiguous columns.
+
+        Args:
+            time: (n,) s.
+            reals, integers: (number of values, n), otherwise as in `Rows`.
+            rows: the texts of n rows; without texts, it may be empty.
+        """
         arrays = [array_of(time, pa.float64())]
         for field, place in zip(list(self.schema)[1:], self.places, strict=True):
             if pa.types.is_string(field.type):
-                arrays.append(texts([row[place] for row in rows.texts]))
+                arrays.append(texts([row[place] for row in rows]))
             elif pa.types.is_floating(field.type):
                 arrays.append(array_of(reals[place], field.type))
             elif field.type in _WIDE.values():

@@ -192,12 +192,10 @@ def _as_columns(table: pa.Table, columns: Columns) -> pa.Table:
     values |= {name: table[name].combine_chunks() for name in table.schema.names}
     rows, (reals, integers, texts) = table.num_rows, columns.widths
     return columns.table(
-        Rows(
-            values["time"].to_numpy(),
-            _matrix(values["Real"], rows, reals, np.float64),
-            _matrix(values["Integer"], rows, integers, np.int32),
-            values["String"].to_pylist() if texts else (),
-        )
+        values["time"].to_numpy(),
+        np.ascontiguousarray(_matrix(values["Real"], rows, reals, np.float64).T),
+        np.ascontiguousarray(_matrix(values["Integer"], rows, integers, np.int32).T),
+        values["String"].to_pylist() if texts else (),
     )
 
 
