@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -124,6 +125,40 @@ def test_processes_that_srun_has_started(fmus: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert [one["part"] for one in manifest["parts"]] == [0, 1]
+
+
+MPICH = Path("/usr/lib/x86_64-linux-gnu/libmpich.so.12")
+"""The library of Debian's package mpich."""
+
+
+@pytest.mark.skipif(not (MPICH.exists() and shutil.which("mpiexec.mpich")), reason="no mpich is installed here")
+def test_mpich_gives_the_same_bits(fmus: Path, tmp_path: Path) -> None:
+    """mpi4py looks for MPICH's library by the name libmpi.so.12, which Debian's does not have."""
+    whole = fly(SYSTEMS / "line5", tmp_path / "whole", until=12.0)
+    (tmp_path / "lib").mkdir()
+    library = tmp_path / "lib" / "libmpi.so.12"
+    library.symlink_to(MPICH)
+    environment = {**os.environ, "MPI4PY_LIBMPI": str(library), "LD_LIBRARY_PATH": str(library.parent)}
+    python = [sys.executable, "-c", "from cosim_master.cli import main; main()"]
+    command = ["mpiexec.mpich", "-n", "2", *python, "run", str(SYSTEMS / "line5"), "--until", "12"]
+    command += ["-o", str(tmp_path / "parts")]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=LIMIT)
+    assert done.returncode == 0, done.stderr
+    same(whole.folder, tmp_path / "parts")
+    manifest = json.loads((tmp_path / "parts" / "manifest.json").read_text())
+    assert [one["part"] for one in manifest["parts"]] == [0, 1]
+
+
+def test_a_library_that_is_not_the_launchers_is_refused(tmp_path: Path) -> None:
+    """As with `srun --mpi=pmi2` and Open MPI: each process would run the whole system, alone."""
+    python = [sys.executable, "-c", "from cosim_master.cli import main; main()"]
+    hidden = [option for name in _SIZES for option in ("-u", name)]
+    command = ["env", *hidden, "PMI_SIZE=2", *python, "run", str(SYSTEMS / "line5"), "-o", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LIMIT)
+    assert done.returncode == 2
+    assert "the launcher has started 2 processes, but Open MPI v5" in done.stderr
+    assert "sees one: it is not the launcher's MPI library; name that one by MPI4PY_LIBMPI" in done.stderr
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

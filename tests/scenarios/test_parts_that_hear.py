@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pyarrow.parquet as pq
@@ -15,10 +17,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.partitions import hearing
+from cosim_master.execution.partitions import exchange, hearing
 from cosim_master.execution.partitions.exchange import Given
 from cosim_master.execution.partitions.part import Message
 from cosim_master.execution.partitions.transport import LocalTransport
+from cosim_master.execution.run import driver
+from cosim_master.stepping.warming import kernels_of_runs
 from cosim_master.system.authoring.swarm.new import fleet_of, new_system
 from tests.master.parts import assigned, run_in_parts
 from tests.scenarios.flights import Flight, fly
@@ -145,3 +149,27 @@ def test_it_goes_on_from_a_checkpoint(lossy: tuple[Path, Flight], tmp_path: Path
     in_parts(system, tmp_path, [1, 0, 0, 1, 0, 1, 0, 0, 1], origin=f"{first}@2", out=tmp_path / "again")
     for file in ("signals.parquet", "packets.parquet"):
         assert pq.read_table(tmp_path / "again" / file).equals(pq.read_table(whole.folder / file))
+
+
+@pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
+def test_kernels_of_parts_are_those_that_a_wheel_has(
+    lossy: tuple[Path, Flight], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numba = pytest.importorskip("numba")
+    called: dict[str, set[Any]] = {}
+
+    def watched(module: ModuleType, name: str) -> None:
+        kernel = getattr(module, name)
+
+        def call(*arguments: Any) -> Any:
+            called.setdefault(name, set()).add(tuple(numba.typeof(one) for one in arguments))
+            return kernel(*arguments)
+
+        monkeypatch.setattr(module, name, call)
+
+    for module, name in ((exchange, "replay"), (driver, "run_framed"), (driver, "outbox_needed")):
+        watched(module, name)
+    system, _ = lossy
+    in_parts(system, tmp_path, [0, 0, 0, 1, 1, 1, 2, 2, 2], until=1.0)
+    assert called == {name: {kernels_of_runs()[name][1]} for name in called}
+    assert {"replay", "run_framed"} <= set(called)

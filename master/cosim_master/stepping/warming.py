@@ -21,13 +21,13 @@ import numpy as np
 from cosim.channel import PACKET
 from cosim.kernel import PLAIN
 from cosim_master.fmi.calls import CALL
-from cosim_master.network.radio import logs, queues, router
+from cosim_master.network.radio import logs, queues, replay, router
 from cosim_master.network.radio import tables as radio
 from cosim_master.network.radio.tables import Radio
-from cosim_master.stepping.kernels import instances, macro_step, tables, threads
+from cosim_master.stepping.kernels import frames, instances, macro_step, tables, threads
 from cosim_master.stepping.kernels.tables import Plan
 
-__all__ = ["EVERY_RUN", "compile_loop", "types_of"]
+__all__ = ["EVERY_RUN", "compile_loop", "kernels_of_runs", "types_of"]
 
 EVERY_RUN = ("run", "collect_all", "places_needed", "sent_bytes", "divide")
 """Kernels that every run requires."""
@@ -101,17 +101,17 @@ def types_of() -> tuple[Any, Any]:
     return numba.typeof(_empty(Plan)), numba.typeof(_empty(Radio))
 
 
-def compile_loop(names: Sequence[str] | None = None) -> None:
-    """Compiles kernels of the loop, or loads their stored code; None: all kernels that Python calls during a run."""
-    if PLAIN:
-        return
+def kernels_of_runs() -> dict[str, tuple[Any, tuple[Any, ...]]]:
+    """Returns the kernels that Python calls during a run, by name, with numba's types of their arguments."""
     numba: Any = import_module("numba")
     plan, air = types_of()
     whole = numba.int64
     chosen, port = whole[::1], numba.uint8[::1]
     endpoints, places = (air[Radio._fields.index(name)] for name in ("endpoints", "places"))
     received = numba.types.Array(numba.uint8, 1, "C", readonly=True)
-    kernels: dict[str, tuple[Any, tuple[Any, ...]]] = {
+    reals, bits = numba.float64[::1], numba.uint8[:, ::1]
+    posts, framed = air[Radio._fields.index("outbox")], numba.typeof(frames.frames_of((), (), 1))
+    return {
         "run": (macro_step.run, (plan, air, whole)),
         "collect_all": (instances.collect_all, (plan,)),
         "places_needed": (macro_step.places_needed, (plan, air)),
@@ -122,11 +122,21 @@ def compile_loop(names: Sequence[str] | None = None) -> None:
         "step_each": (instances.step_each, (plan, chosen)),
         "step_together": (instances.step_together, (plan, chosen)),
         "collect_again": (instances.collect_again, (plan, chosen)),
-        "admit": (router.admit, (air, numba.float64[::1], whole, whole, received, whole)),
+        "admit": (router.admit, (air, reals, whole, whole, received, whole)),
         "arrived": (queues.arrived, (endpoints, places, whole, whole)),
         "deliver": (queues.deliver, (air, whole, whole, port)),
         "divide": (logs.divide, (received, whole, chosen, port)),
+        "run_framed": (frames.run_framed, (plan, air, framed, whole)),
+        "outbox_needed": (macro_step.outbox_needed, (plan,)),
+        "replay": (replay.replay, (air, reals, posts, bits, chosen, bits, whole, whole)),
     }
+
+
+def compile_loop(names: Sequence[str] | None = None) -> None:
+    """Compiles kernels of the loop, or loads their stored code; None: all kernels that Python calls during a run."""
+    if PLAIN:
+        return
+    kernels = kernels_of_runs()
     for name in names or kernels:
         kernel, types = kernels[name]
         kernel.compile(types)

@@ -84,6 +84,9 @@ def part_of(parts: int | None, file: Path | None, seconds: float) -> Transport |
     from cosim_master.execution.partitions.mpi import MpiTransport
 
     transport = MpiTransport(seconds, () if file is None else read_assignment(file, there).hosts)
+    if transport.parts == 1:
+        text = f"the launcher has started {there} processes, but {transport.library} sees one: it is not the launcher's"
+        raise usage(f"{text} MPI library; name that one by MPI4PY_LIBMPI (docs/distributed.md)")
     if transport.part == 0:
         signal.signal(signal.SIGUSR1, lambda *_: os.kill(os.getpid(), signal.SIGINT))
     else:  # part 0 ends the run, also when the launcher sends a signal to all, and reports it

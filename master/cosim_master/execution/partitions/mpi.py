@@ -65,6 +65,9 @@ class MpiTransport:
         seconds: see `Transport`.
         hosts: the machine that each part needs, empty if any will do; none: part n is rank n.
 
+    Attributes:
+        library: the MPI library and its version.
+
     Raises:
         SystemDescriptionError: mpi4py is missing, or no process runs on a machine that a part needs.
     """
@@ -84,6 +87,7 @@ class MpiTransport:
         self._sending: list[tuple[Any, bytes]] = []
         self._gone: set[int] = set()
         self._reported = False
+        self.library = str(MPI.Get_library_version()).partition(",")[0].partition("\n")[0].replace("\t", " ").strip()
         self._tells = _tells_of_dead(self._comm)
 
     def send(self, to: int, message: bytes) -> None:
