@@ -46,6 +46,8 @@ class RunOptions:
             has not built, where processes are available.
         profile: measure the time profile.
         gcs: addresses of ground stations, each within radio reach of all vehicles: see `gateways`.
+        dataflash: answer requests for logs that come through gateways from the recording, for autopilots whose inner
+            values are recorded.
         ports: address of the first vehicle's serial port, and the difference between consecutive ports.
         replay: folder of an earlier run, of which values set and packets of the live page or ROS are repeated.
         assignment: a file that says which part of a run in parts runs what: see `partitions.cut.read_assignment`.
@@ -70,6 +72,7 @@ class RunOptions:
     profile: bool = False
     gcs: Sequence[str] = ()
     ports: str | None = None
+    dataflash: bool = False
     replay: Path | None = None
     assignment: Path | None = None
     helics: str | None = None

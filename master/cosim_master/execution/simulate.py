@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,7 @@ from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.network.gateways.mailbox import Mailbox
+from cosim_master.results.export.dataflash import log_of
 from cosim_master.results.reading.links import Links
 from cosim_master.results.recording.recording import Recording
 from cosim_master.results.storage.checkpoint_folder import find
@@ -264,6 +266,8 @@ class _Run:
                 execution.agree(periods_of(looking), self.plan.saving.every)
             scene.rescue = rescue
             scene.on_recording()
+            if recording is not None and self.plan.options.dataflash:
+                gateways.serve_logs(partial(log_of, recording.folder))
             interrupted = opened.enter_context(interrupts())
             seconds = (self.plan.options.isolation or Isolation()).limits.seconds
             opened.enter_context(reported_hangs(scene, seconds))

@@ -18,13 +18,13 @@ from cosim.verdict import Role
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.gateways.mailbox import Mailbox
+from cosim_master.network.gateways.packing import mavlink2
 from cosim_master.network.radio.tables import BY_RADIO
 from cosim_master.results.reading.read import packets, signals
 from cosim_master.results.reading.roles import Part, Player
 from cosim_master.stepping.observation import Packets, View
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.radio.nodes import Endpoint, Node
-from cosim_master.view.live.ground_station import mavlink2
 from cosim_master.view.live.sending import Sending, reposition
 from cosim_master.view.live.traffic import LiveTraffic
 from tests.master.view.events import events_of

@@ -90,7 +90,8 @@ def test_a_mission_comes_back_as_it_went(copter: Copter) -> None:
         assert (back.get_type(), back.x) == ("MISSION_ITEM", pytest.approx(one.x * 1e-7, rel=1e-6))
     (home,) = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0))
     assert (home.x, home.y, home.command) == (LAT, LON, 16)
-    (wrong,) = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, len(FLIGHT), 0))
+    total, wrong = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, len(FLIGHT), 0))
+    assert (total.get_type(), total.count) == ("MISSION_COUNT", len(FLIGHT))
     assert (wrong.get_type(), wrong.type) == ("MISSION_ACK", 13)
 
 
@@ -101,14 +102,22 @@ def test_floats_are_taken_too(copter: Copter) -> None:
     assert (back.x, back.y, back.z) == (-352500000, 1492500000, 7.0)
 
 
-def test_without_a_mission_there_is_home_only(copter: Copter) -> None:
+def test_without_a_mission_there_is_home_from_when_it_is_known(copter: Copter) -> None:
+    """As in ArduCopter: home is an item when it is set, thus also when the vehicle is armed after the clearing."""
     (count,) = replies(copter, mavlink.MAVLink_mission_request_list_message(1, 1, 0))
     assert count.count == 1
     upload(copter, *FLIGHT)
     (ack,) = replies(copter, mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
     assert ack.type == 0
     (count,) = replies(copter, mavlink.MAVLink_mission_request_list_message(1, 1, 0))
-    assert count.count == 1
+    assert count.count == 0
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0][2] == 0
+    counts = [
+        m
+        for m in replies(copter, mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+        if m.get_type() == "MISSION_COUNT"
+    ]
+    assert [m.count for m in counts] == [1]
 
 
 @pytest.mark.parametrize(

@@ -233,6 +233,29 @@ def test_an_item_beyond_the_end_is_answered_with_the_number_of_items() -> None:
         assert copter.messages("MISSION_ACK")[0].type == mavlink.MAV_MISSION_INVALID_SEQUENCE
 
 
+def test_calibrations_say_and_refuse_as_arducopter() -> None:
+    """The accelerometer's at most once in 5 s (also after the start); the barometer's with its two texts."""
+    copter = Copter()
+    copter.run(6.0)
+    busy = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+    assert copter.ask(241, 0, 0, 0, 0, 4) == [("ACK", 241, ACCEPTED)]
+    assert copter.ask(241, 0, 0, 0, 0, 2) == [("ACK", 241, busy)]
+    copter.run(5.0)
+    assert copter.ask(241, 0, 0, 0, 0, 2) == [("ACK", 241, ACCEPTED)]
+    told = [("TEXT", 6, "Updating barometer calibration"), ("TEXT", 6, "Barometer calibration complete")]
+    assert copter.ask(241, 0, 0, 1) == [("ACK", 241, ACCEPTED), *told]
+
+
+def test_a_parachute_is_not_released_on_the_ground() -> None:
+    copter = Copter()
+    copter.run(2.1)
+    release = mavlink.MAV_CMD_DO_PARACHUTE
+    assert copter.ask(release, 2) == [("ACK", release, ACCEPTED)]
+    assert copter.ask(release, 1) == [("ACK", release, ACCEPTED)]
+    assert copter.ask(release, 2) == [("ACK", release, ACCEPTED), ("TEXT", 6, "Parachute: Landed")]
+    assert copter.ask(release, 0) == copter.ask(release, 2) == [("ACK", release, ACCEPTED)]
+
+
 def test_unknown_frames_are_named() -> None:
     copter = Copter()
     copter.run(2.1)
@@ -370,4 +393,4 @@ def test_a_mission_that_is_flown_is_not_cleared() -> None:
     copter.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
     copter.run(0.01)
     assert [m.type for m in copter.messages("MISSION_ACK")] == [mavlink.MAV_MISSION_ACCEPTED]
-    assert copter.m["mission_count"] == 1
+    assert copter.m["mission_count"] == 0

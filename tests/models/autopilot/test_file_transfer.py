@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from tests.models.copter import Copter
 
 TERMINATE, RESET, LIST, OPEN, READ, WRITE, REMOVE, CRC, BURST = 1, 2, 3, 4, 5, 7, 8, 14, 15
 ACK, NAK = 128, 129
-INVALID_SESSION, END, UNKNOWN, PROTECTED, NOT_FOUND = 4, 6, 7, 9, 10
+FAILED, INVALID_SESSION, END, PROTECTED, NOT_FOUND = 1, 4, 6, 9, 10
 NAME = b"@PARAM/param.pck"
 
 
@@ -135,14 +136,45 @@ def test_values_are_those_of_the_moment(copter: Copter) -> None:
         (LIST, b"@SYS", NOT_FOUND),
         (WRITE, b"x", PROTECTED),
         (REMOVE, NAME, PROTECTED),
-        (CRC, NAME, UNKNOWN),
-        (99, b"", UNKNOWN),
+        (CRC, b"@PARAM/other.pck", NOT_FOUND),
+        (12, NAME, FAILED),
+        (16, b"@PARAM", FAILED),
+        (99, b"", FAILED),
     ],
 )
 def test_what_is_refused(copter: Copter, opcode: int, data: bytes, error: int) -> None:
     ask(copter, 3, opcode, data, size=max(len(data), 1))
     (answer,) = answers(copter)
     assert (answer.opcode, answer.request, answer.data, answer.sequence) == (NAK, opcode, bytes([error]), 4)
+
+
+def test_the_banner_follows_the_opening_of_the_parameters(copter: Copter) -> None:
+    copter.answers()
+    ask(copter, 0, OPEN, NAME)
+    copter.run(0.1)
+    assert [text for kind, _, text in copter.answers() if kind == "TEXT"][0].startswith("ArduCopter V4.7")
+    ask(copter, 0, OPEN, b"@PARAM/other.pck")
+    copter.run(0.1)
+    assert copter.answers() == []
+
+
+def test_an_unknown_request_is_named(copter: Copter) -> None:
+    copter.answers()
+    ask(copter, 3, 16, b"@PARAM")
+    copter.run(0.1)
+    assert ("TEXT", 7, "Unsupported FTP: 16") in copter.answers()
+
+
+def test_the_checksum_is_that_of_the_content(copter: Copter) -> None:
+    """zlib's CRC-32 begins with all bits set and inverts the result; its argument undoes both."""
+    length = opened(copter)
+    ask(copter, 1, BURST, size=239)
+    content = b"".join(a.data for a in answers(copter, length / 239 * 0.005 + 0.05) if a.opcode == ACK)
+    assert len(content) == length
+    ask(copter, 2, CRC, NAME)
+    (answer,) = answers(copter)
+    assert answer.opcode == ACK
+    assert answer.data == struct.pack("<I", zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF)
 
 
 def test_another_session_has_nothing_open(copter: Copter) -> None:

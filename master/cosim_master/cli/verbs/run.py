@@ -330,7 +330,7 @@ def run(
             checkpoint_every=checkpoint_every, origin=origin,
             pace=pace, threads=threads, profile=profile,
             isolation=chosen_isolation(isolate, step_timeout, memory_limit, restart_crashed, host),
-            gcs=gcs or (), ports=ports, assignment=partition_file,
+            gcs=gcs or (), ports=ports, dataflash=dataflash, assignment=partition_file,
             helics=helics, helics_publish=helics_publish or (), helics_subscribe=helics_subscribe or (),
         )  # fmt: skip
         entered = view or ros1 is not None or ros2 is not None

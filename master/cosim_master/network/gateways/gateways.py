@@ -21,6 +21,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -33,6 +34,7 @@ from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, fi
 from cosim.vehicle import AUTOPILOT
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import ADDRESS
+from cosim_master.network.gateways.logs import LogRequests, WriteLog
 from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.network.gateways.signing import Signing, read_key
 from cosim_master.network.gateways.sockets import KINDS, Socket, open_socket
@@ -248,6 +250,7 @@ class _Crossing:
             self.socket = open_socket(address.kind, address.host, address.port, self._told(report))
             self.signing = Signing(address.key) if address.key is not None else None
         self.parser = Parser(self.socket.stream, dialect)
+        self.logs: LogRequests | None = None
 
     def _told(self, report: Callable[[str], None]) -> Callable[[str], None]:
         def tell(what: str) -> None:
@@ -266,10 +269,13 @@ class _Crossing:
             self.counts.update(filter(None, refusals))
             packets = [packet for packet, refusal in zip(packets, refusals, strict=True) if not refusal]
         self.counts["received"] += len(packets)
-        return packets
+        return packets if self.logs is None else self.logs.take(packets)
 
     def outgoing(self, block: bytes) -> None:
         packets = Parser(stream=False).feed(block)
+        if self.logs is not None:
+            self.logs.hear(packets)
+            packets += self.logs.answers()
         if self.signing is not None:
             packets = [self.signing.sign(packet) for packet in packets]
         taken = self.socket.send(packets)
@@ -296,6 +302,7 @@ class Gateways:
         dialect: Sequence[Message] = (),
     ) -> None:
         self._open: list[_Crossing] = []
+        self._thread: ThreadPoolExecutor | None = None
         problems = []
         for gateway, address in asked:
             try:
@@ -319,6 +326,13 @@ class Gateways:
         """Accepts connections from real programs from now on."""
         for one in self._open:
             one.socket.start()
+
+    def serve_logs(self, write: WriteLog) -> None:
+        """Answers requests for logs in place of the autopilots from now on; `write` is called in a thread."""
+        self._thread = ThreadPoolExecutor(1)
+        for one in self._open:
+            if not isinstance(one.address, Mailbox):
+                one.logs = LogRequests(write, self._thread)
 
     def exchange(self, air: Air) -> None:
         """Admits the packets that the sockets have received, and sends those that have arrived at the gateways."""
@@ -356,6 +370,8 @@ class Gateways:
         for crossing in self._open:
             crossing.socket.close()
         self._open.clear()
+        if self._thread is not None:
+            self._thread.shutdown(cancel_futures=True)
 
     def __enter__(self) -> Self:
         return self

@@ -30,7 +30,7 @@ from cosim_master.results.reading.recorded_signals import Signals, open_signals
 from cosim_master.results.reading.roles import Player, players, read_manifest
 from cosim_master.results.recording.packet_log import EPOCH, file_name
 
-__all__ = ["export"]
+__all__ = ["export", "log_of"]
 
 Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -105,12 +105,7 @@ def export(run: Path, file: Path, options: Options) -> list[str]:
                 continue
             if len(autopilot.time) == 0:
                 continue
-            log = Log()
-            _add_words(log, run, name, autopilot)
-            _add_control(log, autopilot)
-            _add_state(log, autopilot)
-            _add_sensed(log, autopilot, origin)
-            _add_estimate(log, signals, names, name, known, origin)
+            log = _log(run, signals, name, autopilot, known, origin)
             file.mkdir(parents=True, exist_ok=True)
             with (file / f"{file_name(name.rpartition('.')[0] or name)}.bin").open("wb") as to:
                 to.writelines(log.write())
@@ -122,6 +117,37 @@ def export(run: Path, file: Path, options: Options) -> list[str]:
     if origin is None:
         notes.append("no POS, GPS and ORGN: no FMU declares the local origin; --origin gives one")
     return notes
+
+
+def log_of(run: Path, system: int) -> tuple[bytes, int]:
+    """Returns the log so far of the autopilot with a system id, in a run that may go on, and its time [s since 1970].
+
+    Raises:
+        CosimError: there is no such autopilot, or its inner values are not recorded.
+    """
+    known = players(run, read_manifest(run))
+    with open_signals(run) as signals:
+        names = set(signals.schema_arrow.names)
+        for name, player in known.items():
+            if player.logged and player.parameters.get(player.named(Role.SYSTEM_ID)) == system:
+                autopilot = _read(signals, names, name, player, _SIZES)
+                if autopilot.has("ATT") and len(autopilot.time):
+                    log = _log(run, signals, name, autopilot, known, declared_origin(known, str(run)))
+                    return b"".join(log.write()), EPOCH // 1_000_000
+    raise CosimError(f"{run}: no autopilot with system id {system} records its inner values")
+
+
+def _log(
+    run: Path, signals: Signals, name: str, autopilot: _Recording, known: Mapping[str, Player], origin: Origin | None
+) -> Log:
+    """Returns the log of one autopilot."""
+    log = Log()
+    _add_words(log, run, name, autopilot)
+    _add_control(log, autopilot)
+    _add_state(log, autopilot)
+    _add_sensed(log, autopilot, origin)
+    _add_estimate(log, signals, set(signals.schema_arrow.names), name, known, origin)
+    return log
 
 
 def _read(signals: Signals, names: set[str], instance: str, player: Player, wanted: Mapping[str, int]) -> _Recording:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable
 
-from cosim.dialect import CRC_EXTRA, MESSAGE_IDS
 from cosim_master.network.gateways.gateways import autopilots_of
 from cosim_master.network.gateways.mailbox import Mailbox
+from cosim_master.network.gateways.packing import mavlink2
 from cosim_master.system.settings.network import Network
 from cosim_master.view.live.traffic import LiveTraffic
 
-__all__ = ["GroundStation", "mavlink2", "near"]
+__all__ = ["GroundStation", "near"]
 
 _SYSTEM = 255
 """That of a ground station."""
@@ -75,29 +74,3 @@ class GroundStation:
 def near(values: tuple[float, ...]) -> bool:
     """Returns whether all values [m, m/s] are finite and less than 1,000 km from 0."""
     return all(math.isfinite(x) and abs(x) < 1e6 for x in values)
-
-
-def mavlink2(sequence: int, system: int, component: int, number: int, payload: bytes) -> bytes:
-    """Returns a packet (MAVLink 2).
-
-    Args:
-        sequence: number of the packet.
-        system, component: ids of the sender.
-        number: of the message.
-        payload: its fields; zeros at the end are left out.
-    """
-    payload = payload[:1] + payload[1:].rstrip(b"\0")
-    head = struct.pack("<7B", len(payload), 0, 0, sequence, system, component, number & 0xFF)
-    body = head + (number >> 8).to_bytes(2, "little") + payload
-    extra = int(CRC_EXTRA[number == MESSAGE_IDS][0])
-    return b"\xfd" + body + _crc(body + bytes([extra])).to_bytes(2, "little")
-
-
-def _crc(data: bytes) -> int:
-    """Returns MAVLink's checksum, CRC-16/MCRF4XX."""
-    crc = 0xFFFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ 0x8408 if crc & 1 else crc >> 1
-    return crc

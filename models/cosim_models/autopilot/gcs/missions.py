@@ -134,7 +134,7 @@ def _begin_upload(m: Any, count: int, kind: int, sender: int, part: int, t: floa
     if m.uploading and not (sender == m.upload_system and part == m.upload_component):
         _acknowledge(m, MAV_MISSION_DENIED, kind, sender, part)
         return
-    m.mission_count = 1
+    m.mission_count = 0
     m.mission_current = 0
     m.uploading = count > 0
     if count == 0:
@@ -223,7 +223,7 @@ def mission_protocol(flown: Sequence[int]) -> Callable[[Any, int, int, int, floa
         elif message == MISSION_REQUEST_LIST:
             _, _, kind = decode_mission_request_list(m.received)
             if kind == MAV_MISSION_TYPE_MISSION:
-                encode_mission_count(m.payload, sender, part, max(m.mission_count, 1), 0)
+                encode_mission_count(m.payload, sender, part, m.mission_count, 0)
                 send(m, _COUNT)
             else:
                 _acknowledge(m, MAV_MISSION_UNSUPPORTED, kind, sender, part)
@@ -236,7 +236,7 @@ def mission_protocol(flown: Sequence[int]) -> Callable[[Any, int, int, int, floa
         elif message == MISSION_CLEAR_ALL:
             _, _, kind = decode_mission_clear_all(m.received)
             if kind == MAV_MISSION_TYPE_MISSION:
-                m.mission_count, m.mission_current, m.uploading = 1, 0, False
+                m.mission_count, m.mission_current, m.uploading = 0, 0, False
             result = MAV_MISSION_ACCEPTED if kind == MAV_MISSION_TYPE_MISSION else MAV_MISSION_UNSUPPORTED
             _acknowledge(m, result, kind, sender, part)
         elif message == MISSION_SET_CURRENT:

@@ -40,6 +40,8 @@ __all__ = [
     "AVOID_REFUSED",
     "AVOID_REFUSED_END",
     "BANNER",
+    "BAROMETER_BEGINS",
+    "BAROMETER_DONE",
     "BATTERY_CRITICAL",
     "BATTERY_DISARMING",
     "BATTERY_LANDING",
@@ -54,6 +56,7 @@ __all__ = [
     "COMPASS_ARMED",
     "CRASHED",
     "CRITICAL",
+    "DEBUG",
     "DISARMING",
     "DRIFT_REFUSED",
     "DRIFT_TOO_HIGH",
@@ -66,6 +69,7 @@ __all__ = [
     "FENCE_CLEARED",
     "FENCE_FETCH_INVALID",
     "FENCE_FETCH_OLD",
+    "FENCE_INDEXED",
     "FLIP_NOT_ARMABLE",
     "FLIP_REFUSED",
     "FLOWHOLD_REFUSED",
@@ -73,6 +77,7 @@ __all__ = [
     "FOLLOW_REFUSED",
     "FRAMES",
     "FRAME_UNKNOWN",
+    "FTP_UNSUPPORTED",
     "GCS_AUTO",
     "GCS_CLEARED",
     "GCS_DISARMING",
@@ -106,6 +111,7 @@ __all__ = [
     "NO_SMART_RETURNS",
     "NO_SUCH_MESSAGE",
     "NO_SUCH_MODE",
+    "PARACHUTE_LANDED",
     "PARAMETERS_RESET",
     "PAUSE_FAILED",
     "PLACE_LEVEL",
@@ -173,7 +179,7 @@ __all__ = [
     "send_texts",
 ]
 
-EMERGENCY, CRITICAL, ERROR, WARNING, NOTICE, INFO = 0, 2, 3, 4, 5, 6  # MAV_SEVERITY
+EMERGENCY, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = 0, 2, 3, 4, 5, 6, 7  # MAV_SEVERITY
 _EVERY_LINK = 2**LINKS - 1
 NO_NUMBER = -1
 """Number argument of `say` for texts without a number."""
@@ -320,6 +326,11 @@ AVOID_REFUSED = _part(b"Mode change to AVOID_ADSB failed: requires positio", 0)
 AVOID_REFUSED_END = _part(b"n", 1)
 AVOID_NOT_ARMABLE = _text(b"Arm: AVOID_ADSB mode not armable")
 FRAME_UNKNOWN = _text(b"Unknown mavlink coordinate frame %")
+FTP_UNSUPPORTED = _text(b"Unsupported FTP: %")
+FENCE_INDEXED = _text(b"Fence Indexed OK")
+PARACHUTE_LANDED = _text(b"Parachute: Landed")
+BAROMETER_BEGINS = _text(b"Updating barometer calibration")
+BAROMETER_DONE = _text(b"Barometer calibration complete")
 LOG_DISARM = _text(b"Disarm for log download")
 FENCE_CLEARED = _text(b"Fence breach cleared")
 CRASHED = _text(b"Crash: Disarming: AngErr=%>30, Accel=~<3.0")

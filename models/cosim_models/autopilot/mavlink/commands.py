@@ -120,8 +120,10 @@ from cosim_models.autopilot.flight.sticks import hear_manual_control, hear_overr
 from cosim_models.autopilot.flight.yaw import turn_by
 from cosim_models.autopilot.link.links import can_answer
 from cosim_models.autopilot.link.statustext import (
+    DEBUG,
     FENCE_FETCH_INVALID,
     FENCE_FETCH_OLD,
+    FENCE_INDEXED,
     INFO,
     NO_NUMBER,
     NO_SUCH_MESSAGE,
@@ -149,6 +151,7 @@ from cosim_models.autopilot.mavlink.targets import (
 )
 from cosim_models.autopilot.mavlink.telemetry import default_interval, set_interval
 from cosim_models.autopilot.mission.missions import (
+    FENCE,
     RALLY,
     ack_mission,
     begin_partial_upload,
@@ -377,6 +380,8 @@ def _mission_item(m: Any, whole: bool, sender: int, part: int, t: float) -> None
         receive_item(m, seq, frame, command, carry_on, (p1, p2, p3, p4), lat, lon, z, t)
         if kind == 0 and not m.uploading and m.mission_count > 1:
             say(m, INFO, PLAN_RECEIVED, NO_NUMBER)
+        if kind == FENCE and not m.uploading and m.fence_count > 0:
+            say(m, DEBUG, FENCE_INDEXED, NO_NUMBER)
 
 
 @kernel
@@ -405,6 +410,8 @@ def _mission(m: Any, message: int, sender: int, part: int, t: float) -> None:
     elif message == MISSION_CLEAR_ALL:
         _, _, kind = decode_mission_clear_all(m.received)
         clear_mission(m, kind, sender, part)
+        if kind == FENCE and m.fence_count == 0:
+            say(m, DEBUG, FENCE_INDEXED, NO_NUMBER)
     elif message == MISSION_SET_CURRENT:
         _, _, sequence = decode_mission_set_current(m.received)
         if set_current(m, sequence):
@@ -455,7 +462,8 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         if theirs == 0 and can_answer(m):
             answer_timesync(m, sent, t)
     elif message == FILE_TRANSFER_PROTOCOL:
-        answer_file_transfer(m, sender, part, t)
+        if answer_file_transfer(m, sender, part, t):
+            send_banner(m)
     elif message == PARAM_REQUEST_READ:
         read_parameter(m)
     elif LOG_REQUEST_LIST <= message <= LOG_REQUEST_END and message != LOG_DATA:

@@ -27,6 +27,7 @@ from cosim.messages import (
 )
 from cosim.packets import clear, get_u8, get_u16, get_u32, put_f32, put_i8, put_i16, put_i32, put_u8, put_u16, put_u32
 from cosim_models.autopilot.link.links import can_answer, send
+from cosim_models.autopilot.link.statustext import DEBUG, FTP_UNSUPPORTED, say
 from cosim_models.autopilot.mavlink.parameters import (
     PARAMETER_COUNT,
     PARAMETER_NAMES,
@@ -45,12 +46,13 @@ _SEQUENCE, _SESSION, _OPCODE, _SIZE, _REQUEST, _COMPLETE, _OFFSET, _DATA = (
 _MOST = 239  # bytes of data
 _SYSTEM, _COMPONENT = 1, 2  # of the message
 _TERMINATE, _RESET, _LIST, _OPEN, _READ, _BURST = 1, 2, 3, 4, 5, 15
-_CREATE, _LAST_WRITING = 6, 13
+_TRUNCATE, _CHECKSUM, _LISTS_WITH_TIMES = 12, 14, 16
 _ACK, _NAK = 128, 129
-_INVALID_SESSION, _END, _UNKNOWN, _PROTECTED, _NOT_FOUND = 4, 6, 7, 9, 10
+_FAILED, _INVALID_SESSION, _END, _PROTECTED, _NOT_FOUND = 1, 4, 6, 9, 10
 _SHARE = 0.005  # s between packets of a burst
 
 _MAGIC = 0x671B
+_POLYNOMIAL = 0xEDB88320  # of the CRC, reflected
 _PACKED_TYPE = {MAV_PARAM_TYPE_INT8: 1, MAV_PARAM_TYPE_INT16: 2, MAV_PARAM_TYPE_INT32: 3, MAV_PARAM_TYPE_REAL32: 4}
 _PACKED_SIZE = {MAV_PARAM_TYPE_INT8: 1, MAV_PARAM_TYPE_INT16: 2, MAV_PARAM_TYPE_INT32: 4, MAV_PARAM_TYPE_REAL32: 4}
 
@@ -112,6 +114,22 @@ def _put_piece(m: Any, at: int, count: int) -> None:
         for k in range(width):
             if at <= first + k < at + count:
                 put_u8(m.payload, _DATA + first + k - at, get_u8(m.received, k))
+
+
+@kernel
+def _put_checksum(m: Any) -> None:
+    """Answers the file's CRC-32 as ArduPilot computes it: reflected, of polynomial 0x04C11DB7, from 0, not inverted."""
+    crc = 0
+    for at in range(0, _LENGTH, _MOST):
+        count = min(_MOST, _LENGTH - at)
+        _put_piece(m, at, count)
+        for i in range(count):
+            crc ^= get_u8(m.payload, _DATA + i)
+            put_u8(m.payload, _DATA + i, 0)
+            for _ in range(8):
+                crc = crc >> 1 ^ (_POLYNOMIAL if crc & 1 != 0 else 0)
+    put_u8(m.payload, _SIZE, 4)
+    put_u32(m.payload, _DATA, crc)
 
 
 @kernel
@@ -178,14 +196,18 @@ def _list(m: Any, size: int, offset: int) -> None:
 
 
 @kernel
-def answer_file_transfer(m: Any, system: int, component: int, t: float) -> None:
-    """Answers a FILE_TRANSFER_PROTOCOL request; if the answer does not fit, the client asks again."""
+def answer_file_transfer(m: Any, system: int, component: int, t: float) -> bool:
+    """Answers a FILE_TRANSFER_PROTOCOL request; if the answer does not fit, the client asks again.
+
+    Returns whether the parameters have been opened, which ArduPilot follows with its banner.
+    """
+    opened = False
     if not can_answer(m):
-        return
+        return opened
     sequence, session = get_u16(m.received, _SEQUENCE), get_u8(m.received, _SESSION)
     request, size, offset = get_u8(m.received, _OPCODE), get_u8(m.received, _SIZE), get_u32(m.received, _OFFSET)
     if request == 0 or request >= _ACK:
-        return
+        return opened
     size = min(size, _MOST)
     known = m.file_open and session == m.file_session
     _begin(m, system, component, sequence + 1, session, request, offset)
@@ -194,11 +216,16 @@ def answer_file_transfer(m: Any, system: int, component: int, t: float) -> None:
         m.file_bursting = False
     elif request == _OPEN:
         if _names(m, size, _NAME, True):
-            m.file_open = True
+            m.file_open = opened = True
             m.file_bursting = False
             m.file_session = session
             put_u8(m.payload, _SIZE, 4)
             put_u32(m.payload, _DATA, _LENGTH)
+        else:
+            _refuse(m, _NOT_FOUND)
+    elif request == _CHECKSUM:
+        if _names(m, size, _NAME, True):
+            _put_checksum(m)
         else:
             _refuse(m, _NOT_FOUND)
     elif request == _LIST:
@@ -217,10 +244,13 @@ def answer_file_transfer(m: Any, system: int, component: int, t: float) -> None:
         m.file_system = system
         m.file_component = component
         m.file_due = t
-        return
+        return opened
     else:
-        _refuse(m, _PROTECTED if _CREATE <= request <= _LAST_WRITING else _UNKNOWN)
+        if request == _TRUNCATE or request >= _LISTS_WITH_TIMES:
+            say(m, DEBUG, FTP_UNSUPPORTED, request)
+        _refuse(m, _FAILED if request == _TRUNCATE or request >= _LISTS_WITH_TIMES else _PROTECTED)
     send(m, FILE_TRANSFER_PROTOCOL)
+    return opened
 
 
 @kernel

@@ -91,6 +91,8 @@ from cosim_models.autopilot.flight.yaw import default_nose, look_at
 from cosim_models.autopilot.link.statustext import (
     AUX_INVALID,
     BANNER,
+    BAROMETER_BEGINS,
+    BAROMETER_DONE,
     CALIBRATION_ARMED,
     COMPASS_ARMED,
     FRAMES,
@@ -101,6 +103,7 @@ from cosim_models.autopilot.link.statustext import (
     LAND_SEQUENCE_START,
     NO_NUMBER,
     NOTICE,
+    PARACHUTE_LANDED,
     PARAMETERS_RESET,
     PAUSE_FAILED,
     PLACE_LEVEL,
@@ -135,6 +138,7 @@ from cosim_models.autopilot.record.modes import (
 
 __all__ = ["obey", "send_banner"]
 
+_BETWEEN_LEVELS = 5.0  # s between calibrations of the accelerometer
 _FARTHEST = 50000.0  # m between home and the origin, vertically
 _EXTERNAL_WIND = 43004  # MAV_CMD_EXTERNAL_WIND_ESTIMATE, which pymavlink does not have
 _FAILED_WITHOUT = np.array(
@@ -334,11 +338,18 @@ def send_banner(m: Any) -> None:
 
 
 @kernel
-def _calibrate(m: Any, p1: float, p3: float, x: int) -> int:
+def _calibrate(m: Any, p1: float, p3: float, x: int, t: float) -> int:
     """Handles PREFLIGHT_CALIBRATION: the sensors are perfect."""
     if m.armed:
         say_here(m, NOTICE, CALIBRATION_ARMED, NO_NUMBER)
         return MAV_RESULT_FAILED
+    if p3 == 1.0 and p1 != 1.0:
+        say(m, INFO, BAROMETER_BEGINS, NO_NUMBER)
+        say(m, INFO, BAROMETER_DONE, NO_NUMBER)
+    elif p1 != 1.0 and x in (2, 4):
+        if t < m.levelled_at + _BETWEEN_LEVELS:
+            return MAV_RESULT_TEMPORARILY_REJECTED
+        m.levelled_at = t
     if p1 == 1.0 or p3 == 1.0 or x in (2, 4, 76):
         return MAV_RESULT_ACCEPTED
     if x == 1:
@@ -354,6 +365,19 @@ def _calibrate_compass(m: Any, command: int, mask: float) -> int:
         return MAV_RESULT_FAILED
     if not 0.0 <= mask <= 255.0 or command == MAV_CMD_DO_ACCEPT_MAG_CAL:
         return MAV_RESULT_FAILED
+    return MAV_RESULT_ACCEPTED
+
+
+@kernel
+def _use_parachute(m: Any, what: float) -> int:
+    """Handles DO_PARACHUTE: 0 off, 1 on, 2 release; there is none, but releases on the ground are refused in words."""
+    if not 0.0 <= what < 3.0:
+        return MAV_RESULT_FAILED
+    if what >= 2.0:
+        if m.parachute_on and m.on_ground:
+            say(m, INFO, PARACHUTE_LANDED, NO_NUMBER)
+    else:
+        m.parachute_on = what >= 1.0
     return MAV_RESULT_ACCEPTED
 
 
@@ -389,7 +413,7 @@ def _obey_station(m: Any, command: int, p1: float, p2: float, p3: float, x: int,
         say_here(m, WARNING, PARAMETERS_RESET, NO_NUMBER)
         return MAV_RESULT_ACCEPTED
     if command == MAV_CMD_PREFLIGHT_CALIBRATION:
-        return _calibrate(m, p1, p3, x)
+        return _calibrate(m, p1, p3, x, t)
     if command in (MAV_CMD_DO_START_MAG_CAL, MAV_CMD_DO_ACCEPT_MAG_CAL, MAV_CMD_DO_CANCEL_MAG_CAL):
         return _calibrate_compass(m, command, p1)
     if command == MAV_CMD_SET_EKF_SOURCE_SET:
@@ -399,7 +423,7 @@ def _obey_station(m: Any, command: int, p1: float, p2: float, p3: float, x: int,
     if command == MAV_CMD_DO_FOLLOW:
         return MAV_RESULT_ACCEPTED if 0.0 < p1 <= 255.0 else MAV_RESULT_DENIED
     if command == MAV_CMD_DO_PARACHUTE:
-        return MAV_RESULT_ACCEPTED if 0.0 <= p1 < 3.0 else MAV_RESULT_FAILED
+        return _use_parachute(m, p1)
     if command == MAV_CMD_DO_SPRAYER:
         return MAV_RESULT_ACCEPTED if p1 == 0.0 or p1 == 1.0 else MAV_RESULT_FAILED
     if command == MAV_CMD_IMAGE_STOP_CAPTURE and p1 == 0.0:

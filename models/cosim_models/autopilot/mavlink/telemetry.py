@@ -106,6 +106,7 @@ def _tell_home(m: Any, t: float) -> None:
     if not m.armed and not m.home_locked:
         for i in range(3):
             m.home_neu[i] = m.position_neu[i]
+    m.mission_count = max(m.mission_count, 1)  # home is item 0
     told = True
     for link in range(LINKS):
         m.link = link

@@ -213,7 +213,7 @@ def send_count(m: Any, kind: int, system: int, component: int) -> None:
     if kind > RALLY or (m.uploading and kind == m.upload_kind):
         ack_mission(m, MAV_MISSION_UNSUPPORTED if kind > RALLY else MAV_MISSION_DENIED, kind, system, component)
         return
-    count = m.fence_count if kind == FENCE else m.rally_count if kind == RALLY else mission_count(m)
+    count = m.fence_count if kind == FENCE else m.rally_count if kind == RALLY else m.mission_count
     encode_mission_count(m.payload, system, component, count, kind)
     send(m, MISSION_COUNT)
 
@@ -353,7 +353,7 @@ def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
         ack_mission(m, MAV_MISSION_ERROR, kind, system, component)
         return
     if kind == 0:
-        m.mission_count = 1
+        m.mission_count = 0
         m.mission_current = 0
     if kind == FENCE:
         m.fence_count = 0
@@ -386,7 +386,7 @@ def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: 
     elif kind == RALLY:
         m.rally_count = 0
     else:
-        m.mission_count = 1
+        m.mission_count = 0
         if m.mode != _AUTO or m.on_ground:  # in flight, the mission goes on at the same item
             m.mission_current = 0
             m.mission_complete = False

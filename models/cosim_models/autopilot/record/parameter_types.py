@@ -6,9 +6,10 @@ __all__ = ["INT8", "INT16", "INT32"]
 
 INT8 = frozenset(
     [
+        "ACRO_TRAINER",
         "ARMING_RUDDER",
-        "AVOID_ENABLE",
         "ATC_ANGLE_BOOST",
+        "AVOID_ENABLE",
         "BATT_FS_CRT_ACT",
         "BATT_FS_LOW_ACT",
         "BATT_FS_VOLTSRC",
@@ -31,6 +32,7 @@ INT8 = frozenset(
         "LAND_REPOSITION",
         "MIS_RESTART",
         "MOT_HOVER_LEARN",
+        "RALLY_INCL_HOME",
         "RC1_REVERSED",
         "RC2_REVERSED",
         "RC3_REVERSED",
@@ -39,15 +41,16 @@ INT8 = frozenset(
         "RC6_REVERSED",
         "RC7_REVERSED",
         "RC8_REVERSED",
-        "RALLY_INCL_HOME",
         "RCMAP_PITCH",
         "RCMAP_ROLL",
         "RCMAP_THROTTLE",
         "RCMAP_YAW",
-        "SIM_ENGINE_FAIL",
         "SIM_GPS1_ENABLE",
         "SIM_GPS1_JAM",
         "SIM_RC_FAIL",
+        "THROW_MOT_START",
+        "THROW_NEXTMODE",
+        "THROW_TYPE",
         "WP_YAW_BEHAVIOR",
     ]
 )
@@ -64,6 +67,8 @@ INT16 = frozenset(
         "MOT_PWM_MAX",
         "MOT_PWM_MIN",
         "MOT_YAW_HEADROOM",
+        "PHLD_BRAKE_ANGLE",
+        "PHLD_BRAKE_RATE",
         "PILOT_ACCEL_Z",
         "PILOT_SPEED_DN",
         "PILOT_SPEED_UP",
@@ -123,8 +128,11 @@ INT16 = frozenset(
         "SR2_POSITION",
         "SR2_RAW_SENS",
         "SR2_RC_CHAN",
+        "SRTL_POINTS",
         "SYSID_MYGCS",
         "SYSID_THISMAV",
+        "THROW_ALT_MAX",
+        "THROW_ALT_MIN",
         "THR_DZ",
     ]
 )
@@ -139,5 +147,6 @@ INT32 = frozenset(
         "RTL_ALT",
         "RTL_LOIT_TIME",
         "RTL_OPTIONS",
+        "SIM_ENGINE_FAIL",
     ]
 )

@@ -191,6 +191,8 @@ MEMORY = (
     Memory("component_known", dtype="u1", shape=256, rare=True),  # 1: heard from this component of the own system
     Memory("deprecation_told", dtype="?", rare=True),
     Memory("log_told", dtype="?", rare=True),
+    Memory("levelled_at", rare=True),
+    Memory("parachute_on", dtype="?", rare=True),
     Memory("interval", shape=(LINKS, STREAM_COUNT), rare=True),
     Memory("due", shape=(LINKS, STREAM_COUNT), rare=True),
     Memory("next_due", shape=LINKS, rare=True),
