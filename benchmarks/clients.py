@@ -92,7 +92,18 @@ def arducopter(folder: Path, port: int) -> list[str]:
     defaults = executable.parents[3] / "Tools" / "autotest" / "default_params" / "copter.parm"
     files = [str(file) for file in (defaults, folder / "frame.parm") if file.is_file()]
     where = ",".join(map(str, (*HOME, 0)))
-    options = ["--model", "quad", "--home", where, "--speedup", str(PACE), "--start-time", "1735689600", "-I", str(200 + port % 40)]
+    options = [
+        "--model",
+        "quad",
+        "--home",
+        where,
+        "--speedup",
+        str(PACE),
+        "--start-time",
+        "1735689600",
+        "-I",
+        str(200 + port % 40),
+    ]
     serial = ["--serial0", f"udpclient:127.0.0.1:{port}", "--serial1", "none", "--serial2", "none"]
     return [str(executable), *options, "--defaults", ",".join(files), *serial]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,14 @@ from typing import Any
 from MAVProxy.modules.lib import mp_module
 from pymavlink import mavutil
 
-SETTLE, PATIENCE = 3.0, 60.0
-"""Seconds after a command by the vehicle's clock, and for a condition by ours."""
-LEAST, MOST = 0.7, 6.0
-"""Seconds that a command takes at least, and at most if the vehicle's clock stands still."""
+SETTLE, PATIENCE, MOST = 2.0, 60.0, 20.0
+"""Seconds after a command by the vehicle's clock, for a condition by ours, and for a vehicle that does not answer."""
+ROUNDS, LONGER = 3, 15
+"""TIMESYNCs after a command, each sent when the one before is answered; more where a protocol has many messages."""
+PROTOCOLS = ("wp", "fence", "rally", "ftp", "log", "param")
 ANSWERS = {"LOG_ENTRY", "AUTOPILOT_VERSION", "HOME_POSITION", "MISSION_COUNT", "TERRAIN_REPORT", "GPS_GLOBAL_ORIGIN"}
+UNASKED = ("PreArm", "EKF3", "SIM ", "AHRS", "GPS ", "RC7: ")
+"""Texts that come by themselves; one of the banner's lines names the machine, and RC7 is a switch of copter.parm."""
 GROUND = """
 param fetch
 param show WPNAV_SPEED
@@ -214,6 +218,7 @@ class Calls(mp_module.MPModule):  # type: ignore[misc]
         self.seen: dict[str, Any] = {"mode": "", "armed": False, "height": 0.0, "ready": 0}
         self.since, self.command = time.monotonic(), ""
         self.clock = self.began = 0.0
+        self.rounds, self.mark = 0, 1000
         self.heard: dict[str, None] = {}
         self.folder = folder
         self.ready = False
@@ -232,6 +237,10 @@ class Calls(mp_module.MPModule):  # type: ignore[misc]
             self.seen["height"] = m.relative_alt * 1e-3
         elif kind == "EKF_STATUS_REPORT":
             self.seen["ready"] = m.flags & 512
+        elif kind == "TIMESYNC" and m.ts1 == self.mark and m.tc1 != 0 and self.rounds > 0:
+            self.rounds -= 1
+            if self.rounds > 0:
+                self._ping()
         elif kind == "COMMAND_ACK":
             enums = mavutil.mavlink.enums
             name = enums["MAV_CMD"][m.command].name if m.command in enums["MAV_CMD"] else str(m.command)
@@ -240,7 +249,7 @@ class Calls(mp_module.MPModule):  # type: ignore[misc]
         elif kind == "MISSION_ACK":
             self.heard[f"MISSION_ACK {m.type}"] = None
         elif kind == "STATUSTEXT":
-            if not m.text.startswith(("PreArm", "EKF3", "SIM ", "AHRS", "GPS ")):
+            if not m.text.startswith(UNASKED) and not re.search("[0-9a-f]{20}", m.text):
                 self.heard[f'"{m.text}"'] = None
         elif kind in ANSWERS and (kind != "TERRAIN_REPORT" or self.command.startswith(("terrain", "message"))):
             self.heard[kind] = None
@@ -251,8 +260,7 @@ class Calls(mp_module.MPModule):  # type: ignore[misc]
             self.ready = bool(self.seen["ready"]) and now - self.since > 20.0
             return
         if self.command:
-            passed = now - self.since
-            if (self.clock >= self.began + SETTLE and passed > LEAST) or passed > MOST:
+            if (self.rounds == 0 and self.clock >= self.began + SETTLE) or now - self.since > MOST:
                 self._tell(sorted(self.heard))
             return
         if not self.lines:
@@ -266,6 +274,13 @@ class Calls(mp_module.MPModule):  # type: ignore[misc]
             if not holds:
                 self.heard[f"({condition} has not come)"] = None
             self.mpstate.functions.process_stdin(command)
+            self.rounds = LONGER if command.startswith(PROTOCOLS) else ROUNDS
+            self._ping()
+
+    def _ping(self) -> None:
+        """Asks something that is answered after all that was asked before."""
+        self.mark += 1
+        self.master.mav.timesync_send(0, self.mark)
 
     def _tell(self, heard: list[str]) -> None:
         line = {"call": self.command.replace(self.folder + "/", ""), "outcome": "; ".join(heard)}

@@ -41,7 +41,11 @@ def test_a_log_is_downloaded_during_the_run(tmp_path: Path, fmus: Path) -> None:
     with running(tmp_path / "out", *options, pace=2.0) as swarm:
         link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{swarm.port('@drone3')}", source_system=255)
         received(link, "HEARTBEAT")
-        received(link, "HEARTBEAT")  # the first one has certainly gone through the gateway
+        end = time.monotonic() + 120.0
+        for armed in (1, 0):  # there is a log from the first arming on, for a vehicle that is not armed
+            while bool(received(link, "HEARTBEAT").base_mode & 128) != bool(armed):
+                assert time.monotonic() < end
+                link.mav.command_long_send(3, 1, 400, 0, armed, 0, 0, 0, 0, 0, 0)
         size = 0
         for _ in range(60):  # until the journal has rows
             link.mav.log_request_list_send(3, 1, 0, 0xFFFF)

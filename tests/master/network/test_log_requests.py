@@ -42,7 +42,7 @@ def thread() -> Iterator[ThreadPoolExecutor]:
 
 @pytest.fixture
 def requests(thread: ThreadPoolExecutor) -> LogRequests:
-    """Requests to system 3, which has a log and has been heard disarmed, and to 4, which has none."""
+    """Requests to system 3, which has a log and has been heard armed and disarmed, and to 4, which has none."""
 
     def write(system: int) -> tuple[bytes, int]:
         if system != 3:
@@ -50,7 +50,7 @@ def requests(thread: ThreadPoolExecutor) -> LogRequests:
         return LOG, 1735689600
 
     made = LogRequests(write, thread)
-    made.hear([beat(3, False), beat(4, False, version=1)])
+    made.hear([beat(3, True), beat(4, True), beat(3, False), beat(4, False, version=1)])
     return made
 
 
@@ -110,12 +110,24 @@ def test_an_autopilot_without_a_log_lists_none(requests: LogRequests, thread: Th
     assert (entry.get_srcSystem(), entry.id, entry.num_logs, entry.size) == (4, 0, 0, 0)
 
 
-def test_an_erased_log_is_gone(requests: LogRequests, thread: ThreadPoolExecutor) -> None:
+def test_without_a_flight_there_is_no_log(requests: LogRequests, thread: ThreadPoolExecutor) -> None:
+    """As in ArduPilot, whose log begins at arming."""
+    fresh = LogRequests(lambda _: (LOG, 0), thread)
+    fresh.hear([beat(3, False)])
+    (entry,) = answers(fresh, thread, listed())
+    assert (entry.id, entry.num_logs) == (0, 0)
+    assert answers(fresh, thread, data(0, 90)) == []
+
+
+def test_an_erased_log_is_gone_until_the_next_flight(requests: LogRequests, thread: ThreadPoolExecutor) -> None:
     answers(requests, thread, listed())
     assert answers(requests, thread, asked(mavlink.MAVLink_log_erase_message(3, 1))) == []
     assert answers(requests, thread, data(0, 90)) == []
     (entry,) = answers(requests, thread, listed())
     assert (entry.id, entry.num_logs) == (0, 0)
+    requests.hear([beat(3, True), beat(3, False)])
+    (entry,) = answers(requests, thread, listed())
+    assert (entry.id, entry.num_logs) == (1, 1)
 
 
 def test_a_log_is_of_the_latest_list(thread: ThreadPoolExecutor) -> None:
@@ -127,7 +139,7 @@ def test_a_log_is_of_the_latest_list(thread: ThreadPoolExecutor) -> None:
         return b"x" * (100 * len(written)), 0
 
     requests = LogRequests(write, thread)
-    requests.hear([beat(3, False)])
+    requests.hear([beat(3, True), beat(3, False)])
     assert [entry.size for entry in answers(requests, thread, listed(), listed())] == [100]
     assert [entry.size for entry in answers(requests, thread, listed())] == [200]
     assert written == [3, 3]

@@ -152,7 +152,7 @@ def test_the_banner_follows_the_opening_of_the_parameters(copter: Copter) -> Non
     copter.answers()
     ask(copter, 0, OPEN, NAME)
     copter.run(0.1)
-    assert [text for kind, _, text in copter.answers() if kind == "TEXT"][0].startswith("ArduCopter V4.7")
+    assert next(text for kind, _, text in copter.answers() if kind == "TEXT").startswith("ArduCopter V4.7")
     ask(copter, 0, OPEN, b"@PARAM/other.pck")
     copter.run(0.1)
     assert copter.answers() == []

@@ -1,9 +1,10 @@
 """Answers a ground station's requests for the log of an autopilot: LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_ERASE, _END.
 
-The master writes the logs, so it answers in the autopilot's place, as ArduPilot does: for a vehicle that is not armed;
-one log, number 1, from the beginning of the run to the latest list; up to 40 pieces of 90 bytes at once. Requests while
-armed go on to the autopilot, which refuses them. After LOG_ERASE, the autopilot has no log in this run. The answers do
-not use the simulated radio, and nothing of this is in the recording: requests do not enter the network.
+The master writes the logs, so it answers in the autopilot's place, as ArduPilot does: for a vehicle that is not armed,
+but has been; one log, number 1, from the beginning of the run to the latest list; up to 40 pieces of 90 bytes at once.
+Requests while armed go on to the autopilot, which refuses them. After LOG_ERASE, there is no log until the vehicle has
+been armed again. The answers do not use the simulated radio, and nothing of this is in the recording: requests do not
+enter the network.
 
 Source: the MAVLink guide, "Log"; ArduPilot, AP_Logger_MAVLinkLogTransfer.
 """
@@ -45,7 +46,7 @@ class _Vehicle:
     """What is known of an autopilot, and its transfer."""
 
     armed: bool = True
-    erased: bool = False
+    logging: bool = False  # armed since the start, or since the last LOG_ERASE
     listing: Future[tuple[bytes, int]] | None = None
     log: bytes = b""
     at: int = 0
@@ -76,6 +77,7 @@ class LogRequests:
             if packet.message == HEARTBEAT and packet.component == MAV_COMP_ID_AUTOPILOT1:
                 vehicle = self._vehicles.setdefault(packet.system, _Vehicle())
                 vehicle.armed = bool(packet.payload[HEARTBEAT_BASE_MODE] & MAV_MODE_FLAG_SAFETY_ARMED)
+                vehicle.logging = vehicle.logging or vehicle.armed
 
     def take(self, packets: Sequence[bytes]) -> list[bytes]:
         """Takes the requests that are answered here out of a station's packets; returns the others."""
@@ -99,7 +101,7 @@ class LogRequests:
         else:
             vehicle.left = -1
             if asked.message == LOG_ERASE:
-                vehicle.erased, vehicle.log = True, b""
+                vehicle.logging, vehicle.log = False, b""
         return True
 
     def answers(self) -> list[bytes]:
@@ -122,7 +124,7 @@ def _listed(vehicle: _Vehicle, listing: Future[tuple[bytes, int]]) -> bytes:
         log, when = listing.result()
     except CosimError:
         log, when = b"", 0
-    if not log or vehicle.erased:
+    if not log or not vehicle.logging:
         return _ENTRY.pack(0, 0, 0, 0, 0)
     vehicle.log = log
     return _ENTRY.pack(when, len(log), 1, 1, 1)
