@@ -50,6 +50,7 @@ from cosim_master.execution.run.faults.last_call import kept
 from cosim_master.execution.run.faults.process_state import ProcessState, WatchedCalls, WatchedSteps, told
 from cosim_master.execution.run.faults.scene import Scene
 from cosim_master.execution.run.opening import Setup
+from cosim_master.execution.startup.collecting import no_collections
 from cosim_master.files.kept import private_cache
 from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.isolated import Isolation
@@ -107,7 +108,7 @@ def simulate(
     with suppress(OSError):  # a home that cannot be written to: nothing is kept there
         private_cache()  # before code is loaded from it
     with ExitStack() as opened:
-        with told_others(transport):
+        with told_others(transport), no_collections():
             checkpoint = None if options.origin is None else find(options.origin)
             structure = opened.enter_context(read_system(system, options.variant))
             if checkpoint is not None:
@@ -126,7 +127,7 @@ def simulate(
             began, before, calls = time.perf_counter(), ProcessState.present(), WatchedCalls()
             try:
                 seconds = (options.isolation or Isolation()).limits.of_calls[1]
-                with reported_start(scene, seconds) as watch:
+                with reported_start(scene, seconds) as watch, no_collections():
                     execution = one.opened(calls, scene, watch)
                     started, noted = time.perf_counter() - began, calls.end()
                     # Within the watch, whose descriptors belong to both states.
@@ -402,7 +403,7 @@ def take_part(system: str | PathLike[str], options: RunOptions, transport: Trans
         private_cache()
     scene = Scene()
     with failing_openly(transport), reported(scene), ExitStack() as opened:
-        with told_others(transport):
+        with told_others(transport), no_collections():
             checkpoint = None if options.origin is None else find(options.origin)
             structure = opened.enter_context(read_system(system, options.variant))
             if checkpoint is not None:

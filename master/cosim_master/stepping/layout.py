@@ -5,7 +5,7 @@ It needs descriptions only; `plan` then makes the arrays and calls for instances
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -109,8 +109,10 @@ def make_layout(
     numeric = [link for link, kind in zip(links, kinds, strict=True) if kind in KINDS]
     chosen = _chosen(checked, record)
     wanted = chosen | {link.source for link in numeric} | {*observed} | _needed(checked, network, master)
+    fetched = _Fetched(in_order)
+    names = _by_instance(wanted)
     for i, instance in enumerate(checked.instances):
-        for name, variable in _fetched(instance, wanted, in_order[id(instance.fmu)]):
+        for name, variable in fetched.of(instance.fmu, names.get(instance.name, ())):
             kind = set_kind(variable)
             if kind in KINDS:
                 ports[kind].index[instance.name, name] = len(ports[kind].outputs)
@@ -119,7 +121,7 @@ def make_layout(
             ports[kind].first_out.append(len(ports[kind].outputs))
     inputs = _Inputs(numeric, ports, master)
     for instance in checked.instances:
-        inputs.fill(instance, in_order[id(instance.fmu)])
+        inputs.fill(instance, fetched)
     strings = tuple(link for link, kind in zip(links, kinds, strict=True) if kind in ("String", "Binary"))
     texts = tuple(
         (f"{instance.name}.{name}", instance, v)
@@ -179,17 +181,39 @@ def _array(v: Variable) -> tuple[str, int] | None:
     return None if v.element is None else (v.name.rpartition("[")[0], v.value_reference)
 
 
-def _fetched(instance: ComponentInstance, wanted: Container[tuple[str, str]], in_order: _InOrder) -> _InOrder:
-    """Returns the variables of an instance that are in `wanted`, and all elements of an array with one of them.
+def _by_instance(ports: Iterable[tuple[str, str]]) -> dict[str, set[str]]:
+    """Returns the names of variables by instance."""
+    found: dict[str, set[str]] = {}
+    for instance, name in ports:
+        found.setdefault(instance, set()).add(name)
+    return found
+
+
+class _Fetched:
+    """The variables that the loop sets or gets; found once for instances of an FMU with the same ones.
 
     Args:
-        in_order: the result of `_by_type` for its FMU; sorted once per FMU, since thousands of instances may exist.
+        in_order: the result of `_by_type` for each FMU, by its id.
     """
-    found = [(name, v) for name, v in in_order if (instance.name, name) in wanted]
-    arrays = {_array(v) for _, v in found} - {None}
-    if not arrays:
-        return found
-    return [(name, v) for name, v in in_order if (instance.name, name) in wanted or _array(v) in arrays]
+
+    def __init__(self, in_order: Mapping[int, _InOrder]) -> None:
+        self._in_order = in_order
+        self._found: dict[tuple[int, frozenset[str]], _InOrder] = {}
+
+    def of(self, fmu: FmuDescription, wanted: Iterable[str]) -> _InOrder:
+        """Returns the variables of an FMU that are in `wanted`, and all elements of an array with one of them."""
+        key = (id(fmu), frozenset(wanted))
+        if key not in self._found:
+            self._found[key] = self._search(*key)
+        return self._found[key]
+
+    def _search(self, fmu: int, wanted: frozenset[str]) -> _InOrder:
+        in_order = self._in_order[fmu]
+        found = [(name, v) for name, v in in_order if name in wanted]
+        arrays = {_array(v) for _, v in found} - {None}
+        if not arrays:
+            return found
+        return [(name, v) for name, v in in_order if name in wanted or _array(v) in arrays]
 
 
 def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str]]:
@@ -247,14 +271,14 @@ class _Inputs:
         """Returns the rows (from, to) of `Plan.int_to_real`."""
         return tuple(self._int_to_real.items())
 
-    def fill(self, instance: ComponentInstance, in_order: _InOrder) -> None:
+    def fill(self, instance: ComponentInstance, fetched: _Fetched) -> None:
         """Adds the connected inputs of an instance, in the order in which they are set, to the ports."""
         own = self._links.get(instance.name, {})
-        starts = instance.effective_values() if own else {}
-        driven = {(instance.name, name) for name in own}
-        for name, target in _fetched(instance, driven, in_order):
+        starts = None
+        for name, target in fetched.of(instance.fmu, own):
             kind, link, factor, offset = set_kind(target), own.get(name), 1.0, 0.0
             if link is None:
+                starts = instance.effective_values() if starts is None else starts
                 value = starts.get(name, 0)
                 sources = self._hold(kind, halves_of(int(value)) if target.wide else [value])
             elif link.target in self._terms:

@@ -22,6 +22,7 @@ from cosim_master.stepping.kernels.tables import (
     DELAY,
     EVENTFUL,
     EVERY,
+    EXPECTING,
     FEED,
     FINAL,
     FINER,
@@ -53,8 +54,12 @@ __all__ = ["make_plan", "page_of", "rows_of_block"]
 
 _BLOCK_BYTES = 1 << 20
 """Of values; a block should remain in the processor's cache until it is handed over."""
-_COUNTERS, _SHARED_AT = 17, 512
+_COUNTERS, _SHARED_AT = 18, 512
 """Number of counters, and the place of `Plan.shared` in the page that begins with them, bytes."""
+
+
+_WORTH_EXPECTING = 256
+"""Least number of free instances whose memory is prefetched; fewer stay in the cache of a core."""
 
 
 def make_plan(
@@ -94,7 +99,7 @@ def make_plan(
     delays, delay_line = _delay_table(layout, clock, constants, len(kinds[1].outputs))
     slopes = _slope_table(layout, master)
     derivatives = np.zeros(slopes.size)
-    instances = _instance_table(clock, network, slaves, memory)
+    instances = _instance_table(clock, network, slaves, memory, free)
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
     confined = [*(master.sequence or sorted(set(range(len(slaves))) - set(free)))]
     page = mmap.mmap(-1, mmap.PAGESIZE)
@@ -121,7 +126,7 @@ def make_plan(
         real_block=np.zeros((rows, len(real.recorded))),
         int_block=np.zeros((rows, len(recorded)), dtype=np.int32),
         ticks=np.zeros(rows, dtype=np.int64),
-        counters=_counters(page, clock, master, slaves, real, every=every, block=block),
+        counters=_counters(page, clock, master, slaves, real, instances, every=every, block=block),
         grids=np.array([] if grid else clock.grids, dtype=np.int64),
         delays=table(delays),
         slopes=table(slopes),
@@ -155,6 +160,7 @@ def _counters(
     master: MasterSettings,
     slaves: Sequence[Slave],
     real: Ports,
+    instances: np.ndarray[Any, Any],
     *,
     every: int,
     block: int,
@@ -168,6 +174,7 @@ def _counters(
     counters[EVENTFUL] = sum(one.event_mode for one in slaves)
     counters[ORDER] = BY_PYTHON if master.in_python else IN_ORDER if master.sequence else JACOBI
     counters[FINAL], counters[NAN_ALLOWED] = not master.variable, master.nan
+    counters[EXPECTING] = bool(instances["expect"].any())
     return counters
 
 
@@ -253,11 +260,13 @@ def _slope_table(layout: Layout, master: MasterSettings) -> np.ndarray[Any, Any]
 
 
 def _instance_table(
-    clock: TimeGrid, network: Network, slaves: Sequence[Slave], memory: CallMemory
+    clock: TimeGrid, network: Network, slaves: Sequence[Slave], memory: CallMemory, free: Sequence[int]
 ) -> np.ndarray[Any, Any]:
     table = np.zeros(len(slaves), dtype=INSTANCE)
     table["handle"] = [one.handle for one in slaves]
     table["do_step"] = [one.step_address() for one in slaves]
+    if len(free) >= _WORTH_EXPECTING:
+        table["expect"][free] = [slaves[i].library.address_if("uav_cosim_expect") for i in free]
     table["answers"] = [memory.take(ANSWERS) if one.has_answers else 0 for one in slaves]
     for row, one in zip(table, slaves, strict=True):
         one.use_answers(int(row["answers"]))

@@ -147,7 +147,7 @@ def _instances(ready: Prepared, parameters: Mapping[str, Mapping[str, Start]]) -
             "step": clock.seconds(period),
             "step_by": source,
             **({} if instance.solver is None else {"solver": asdict(instance.solver)}),
-            "parameters": {name: _in_json(value) for name, value in parameters[instance.name].items()},
+            "parameters": _all_in_json(parameters[instance.name]),
             "assigned": assigned.get(instance.name, {}),
         }
         for instance, period, source in zip(instances, clock.periods, clock.sources, strict=True)
@@ -178,6 +178,12 @@ def _in_json(value: Any) -> Any:
     if not isinstance(value, float) or math.isfinite(value):
         return value
     return "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"
+
+
+def _all_in_json(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns values for JSON; the same object if nothing has to be changed, since a swarm has a million of them."""
+    odd = [name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)]
+    return {**values, **{name: _in_json(values[name]) for name in odd}} if odd else values
 
 
 def digest_of_system(checked: CheckedSystem) -> str:

@@ -12,7 +12,7 @@ initialize their parameters in fmi2SetupExperiment, so values set earlier would 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -85,13 +85,14 @@ def initialize(
         FmuError: an FMU refused.
         LoopError: outputs depend on each other, and no consistent values were found.
     """
-    values = [instance.effective_values() for instance in checked.instances]
-    for one, instance, starts in zip(slaves, checked.instances, values, strict=True):
+    for one, instance in zip(slaves, checked.instances, strict=True):
+        starts = instance.effective_values()
         if sizes := instance.structural_values():
             one.configure([instance.fmu.variables[n] for n in sizes], list(sizes.values()))
         one.setup_experiment(start, stop)
         _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
-    for one, instance, starts in zip(slaves, checked.instances, values, strict=True):
+    for one, instance in zip(slaves, checked.instances, strict=True):
+        starts = instance.effective_values()  # anew, since those of all instances together take much memory
         one.enter_initialization_mode()
         if one.initializes_anew:
             exact = [v for n in starts if (v := instance.fmu.variables[n]).initial == "exact"]
@@ -130,8 +131,7 @@ def answers(checked: CheckedSystem, slaves: Sequence[Slave]) -> tuple[dict[str, 
             continue
         given = (variables[n] for n in starts if n in instance.start_values)
         asked = [v for v in given if v.type != "Binary" and not v.clocks]
-        for kind in _kinds(asked):
-            some = [v for v in asked if set_kind(v) == kind]
+        for some in _by_kind(asked):
             try:
                 own |= {v.name: value for v, value in zip(some, one.get(some), strict=True)}
             except FmuError as error:
@@ -230,8 +230,7 @@ def _get(slaves: Mapping[str, Slave], ends: Sequence[tuple[str, str]]) -> dict[t
         wanted.setdefault(name, []).append(slaves[name].fmu.variables[variable])
     got: dict[tuple[str, str], Any] = {}
     for name, variables in wanted.items():
-        for kind in _kinds(variables):
-            chosen = [v for v in variables if set_kind(v) == kind]
+        for chosen in _by_kind(variables):
             got |= {(name, v.name): x for v, x in zip(chosen, slaves[name].get(chosen), strict=True)}
     return got
 
@@ -253,13 +252,16 @@ def _set(
         _set_all(one, [one.fmu.variables[n] for n in new], new, inputs=None)
 
 
-def _kinds(variables: Sequence[Variable]) -> list[str]:
-    return [kind for kind in _KINDS if any(set_kind(v) == kind for v in variables)]
+def _by_kind(variables: Iterable[Variable]) -> list[list[Variable]]:
+    """Returns the variables of each type that one call sets or gets; Clocks are not among them."""
+    found: dict[str, list[Variable]] = {kind: [] for kind in _KINDS}
+    for v in variables:
+        if v.type != "Clock":
+            found[set_kind(v)].append(v)
+    return [some for some in found.values() if some]
 
 
 def _set_all(one: Slave, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
     """Sets the variables that are inputs, those that are not, or (None) all; one call per type."""
-    chosen = [v for v in variables if inputs is None or (v.causality == "input") == inputs]
-    for kind in _kinds(chosen):
-        some = [v for v in chosen if set_kind(v) == kind]
+    for some in _by_kind(v for v in variables if inputs is None or (v.causality == "input") == inputs):
         one.set(some, [values[v.name] for v in some])

@@ -199,6 +199,10 @@ class Library:
         """
         return ctypes.cast(self._function(function), ctypes.c_void_p).value or 0
 
+    def address_if(self, function: str) -> int:
+        """Returns the address of a function that the binary may lack; 0 without it."""
+        return self.address(function) if self.has(function) else 0
+
     def function(self, name: str, instance: str) -> Any:
         """Returns the FMI function `name`, which returns a status, for a call of an instance that follows at once."""
         self.calling = instance, name

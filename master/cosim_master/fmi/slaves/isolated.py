@@ -9,7 +9,7 @@ import sys
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -83,14 +83,23 @@ def built_here(fmu: FmuDescription) -> bool:
     """Returns whether this project has built an FMU: it says so, and its GUID is that of the sources it lists."""
     if fmu.generation_tool != "uav-cosim" or fmu.table is not None:
         return False
+    return fmu.guid == _guid_of_sources(fmu.path, fmu.digest, fmu.model_name)
+
+
+@lru_cache(maxsize=256)
+def _guid_of_sources(file: Path, _digest: str, model: str) -> str | None:
+    """Returns the GUID that follows from the sources that an FMU lists; None without such a list.
+
+    Each file is opened once for each digest of it, since a swarm asks for every instance.
+    """
     from cosim.build.sources import Sources
 
     try:
-        with zipfile.ZipFile(fmu.path) as archive:
+        with zipfile.ZipFile(file) as archive:
             digests = json.loads(archive.read("resources/build.json"))["sources"]
-        return Sources({}, digests, frozenset()).guid(fmu.model_name) == fmu.guid
+        return Sources({}, digests, frozenset()).guid(model)
     except (OSError, KeyError, TypeError, ValueError, AttributeError, zipfile.BadZipFile):
-        return False
+        return None
 
 
 def isolable(fmu: FmuDescription) -> bool:

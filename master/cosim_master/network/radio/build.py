@@ -213,6 +213,10 @@ def _trace(network: Network, nodes: Mapping[str, int]) -> np.ndarray[Any, Any]:
     return np.sort(np.array(found, dtype=TRACED), order=["sender", "hearer", "time"])
 
 
+_EVENTS, _LOGGED = 32, 2048
+"""Events, and bytes of the log, for each node: whenever they are full, something is written to the log of every node."""
+
+
 def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: bool) -> Radio:
     """Returns the radio's memory.
 
@@ -278,8 +282,8 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         along=np.zeros(len(nodes)),
         hearers=np.zeros(len(nodes) + 1, dtype=np.int64),
         counters=np.zeros(COUNTERS, dtype=np.int64),
-        events=table(np.zeros(4096, dtype=EVENT)),
-        log=np.zeros(1 << 20, dtype=np.uint8),
+        events=table(np.zeros(max(4096, _EVENTS * len(nodes) if keep else 0), dtype=EVENT)),
+        log=np.zeros(max(1 << 20, _LOGGED * len(nodes) if keep else 0), dtype=np.uint8),
         outbox=table(np.zeros(0, dtype=POST)),
         posted=np.zeros((0, MAX_PACKET), dtype=np.uint8),
         gateways=table(_gateways(network)),
@@ -298,7 +302,8 @@ def grown(radio: Radio, need: int) -> Radio:
     places["following"][old:] = np.arange(old + 1, new + 1)
     places["following"][-1] = radio.counters[FREE_PLACE]
     data = np.zeros((new, MAX_PACKET), dtype=np.uint8)
-    data[:old] = radio.data
+    used = np.flatnonzero(radio.places["length"])  # the others have no memory yet, and need none
+    data[used] = radio.data[used]
     radio.counters[FREE_PLACE] = old
     radio.counters[FREE_PLACES] += new - old
     relayed = np.zeros(new * radio.trip.size, dtype=RELAYED)

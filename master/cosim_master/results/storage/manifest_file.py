@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,26 +19,40 @@ million of values."""
 
 def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
     """Writes the manifest. An earlier one is replaced only when the new one is complete."""
-    _replace(folder, _text(content, _LINES) + "\n")
+    _replace(folder, (_bytes(text) for text in (*_text(content, _LINES), "\n")))
 
 
-def _text(value: Any, levels: int) -> str:
-    """Returns a value as JSON, with so many levels divided into lines."""
+def _text(value: Any, levels: int, indent: int = 0) -> Iterator[str]:
+    """Yields the pieces of a value as JSON, with so many levels divided into lines.
+
+    In pieces, because the text of some thousand drones takes several times as much memory as their values.
+    """
     if levels and value and isinstance(value, (Mapping, list, tuple)):
-        opening, closing = "{}" if isinstance(value, Mapping) else "[]"
-        if isinstance(value, Mapping):
-            lines = [f"{_text(str(name), 0)}: {_text(one, levels - 1)}" for name, one in value.items()]
-        else:
-            lines = [_text(one, levels - 1) for one in value]
-        content = ",\n".join(lines).replace("\n", "\n ")
-        return f"{opening}\n {content}\n{closing}"
+        named = isinstance(value, Mapping)
+        opening, closing = "{}" if named else "[]"
+        between = f"{opening}\n{' ' * (indent + 1)}"
+        for one in value.items() if isinstance(value, Mapping) else value:
+            yield f"{between}{_json(str(one[0]))}: " if named else between
+            yield from _text(one[1] if named else one, levels - 1, indent + 1)
+            between = f",\n{' ' * (indent + 1)}"
+        yield f"\n{' ' * indent}{closing}"
+    else:
+        yield _json(value)
+
+
+def _json(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
-def _replace(folder: Path, text: str) -> None:
+def _bytes(text: str) -> bytes:
+    return text.encode("utf-8", errors="backslashreplace")  # half characters, as JSON escapes them
+
+
+def _replace(folder: Path, pieces: Iterable[bytes]) -> None:
     part = folder / f"{NAME}.part"
     try:
-        part.write_text(text, encoding="utf-8", errors="backslashreplace")  # half characters, as JSON escapes them
+        with part.open("wb") as file:
+            file.writelines(pieces)
         part.replace(folder / NAME)
     except OSError:
         part.unlink(missing_ok=True)
@@ -56,18 +70,26 @@ class RunningManifest:
     """
 
     def __init__(self, folder: Path, content: Mapping[str, Any], *changing: str) -> None:
-        text = "{"
         self._places: dict[str, tuple[int, int]] = {}
+        _replace(folder, self._pieces(content, changing))
+        self._file = (folder / NAME).open("r+b", buffering=0)
+
+    def _pieces(self, content: Mapping[str, Any], changing: Collection[str]) -> Iterator[bytes]:
+        """Yields the file piece by piece, and notes the places of the values that change."""
+        written, before = 0, "{"
         for name, value in content.items():
-            text += f"{',' if len(text) > 1 else ''}\n {json.dumps(name)}: "
+            head = _bytes(f"{before}\n {json.dumps(name)}: ")
+            before = ","
             if name in changing:
                 room = _room(value)
-                self._places[name] = (len(text.encode()), room)
-                text += f"{json.dumps(value):<{room}}"
+                self._places[name] = (written + len(head), room)
+                pieces = [f"{json.dumps(value):<{room}}"]
             else:
-                text += _text(value, _LINES - 1).replace("\n", "\n ")
-        _replace(folder, text + "\n}\n")
-        self._file = (folder / NAME).open("r+b", buffering=0)
+                pieces = [*_text(value, _LINES - 1, 1)]
+            for piece in (head, *map(_bytes, pieces)):
+                written += len(piece)
+                yield piece
+        yield _bytes("\n}\n")
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Writes the current values.

@@ -25,6 +25,7 @@ __all__ = [
     "do_step2",
     "do_step3",
     "exchange_if",
+    "expect",
     "get_or_set",
     "get_or_set3",
     "get_or_set_binary",
@@ -144,6 +145,15 @@ def _note(typing: Any, address: Any, record: Any) -> Any:
     return types.void(address if silent else types.uintp, record), codegen
 
 
+def _expect(typing: Any, function: Any, instance: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [_I64]).as_pointer()
+        builder.call(builder.inttoptr(arguments[0], kind), arguments[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.uintp, types.uintp), codegen
+
+
 def _byte_at(typing: Any, address: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.load(builder.inttoptr(arguments[0], ir.IntType(8).as_pointer()))
@@ -246,6 +256,10 @@ def _plain_note(address: int, record: Any) -> None:
         ctypes.c_int64.from_address(int(address)).value = record.__array_interface__["data"][0]
 
 
+def _plain_expect(_function: int, _instance: int) -> None:
+    """Does nothing: the call is a hint."""
+
+
 def _plain_byte_at(address: int) -> int:
     return ctypes.c_ubyte.from_address(int(address)).value
 
@@ -282,6 +296,8 @@ store_i4: Any = _plain_store(ctypes.c_int32) if PLAIN else intrinsic(_store_numb
 store_i8: Any = _plain_store(ctypes.c_int64) if PLAIN else intrinsic(_store_number(_I64))
 note: Any = _plain_note if PLAIN else intrinsic(_note)
 """note(address, row) stores the address of a row of a table at an address; nothing, and free, if that is False."""
+expect: Any = _plain_expect if PLAIN else intrinsic(_expect)
+"""uav_cosim_expect(instance), a function of our FMUs: brings the instance's memory nearer."""
 byte_at: Any = _plain_byte_at if PLAIN else intrinsic(_byte_at)
 """The byte at an address."""
 atomic_load: Any = _no_threads if PLAIN else intrinsic(_load)

@@ -16,6 +16,7 @@ from cosim_master.stepping.kernels.fmi_calls import (
     byte_at,
     do_step2,
     do_step3,
+    expect,
     get_or_set,
     get_or_set3,
     load_f8,
@@ -31,6 +32,7 @@ from cosim_master.stepping.kernels.tables import (
     EARLY,
     END,
     ENDED,
+    EXPECTING,
     FAILURES,
     FATAL,
     FINAL,
@@ -250,6 +252,18 @@ def begin_ahead(
             do_step2(one.post, instances[np.uintp(one.instance)].handle, t, 0.0, 0)
 
 
+_AHEAD = 2
+"""A swarm's drones are agent, autopilot, vehicle: while a vehicle makes its step, the next autopilot's memory comes."""
+
+
+@inlined
+def _expect(instances: NDArray[Any], i: Any, k: int) -> None:
+    """Prefetches the memory of instance `i`, if it has a function for that and is due."""
+    m = instances[i]
+    if m.expect != np.uintp(0) and (m.period == 1 or k % m.period == 0):
+        expect(m.expect, m.handle)
+
+
 @inlined
 def step_some(
     instances: NDArray[Any],
@@ -271,9 +285,12 @@ def step_some(
     per_second = 1e9 * counters[PER_NS]
     t = (counters[START] + k * base) / per_second
     failed = 0
-    for chosen_one in chosen:
-        i: Any = np.uintp(chosen_one)  # a possibly negative index costs a comparison at each use
+    expecting = chosen.size - _AHEAD if counters[EXPECTING] != 0 else 0
+    for n in range(np.uintp(chosen.size)):
+        i: Any = np.uintp(chosen[n])  # a possibly negative index costs a comparison at each use
         m = instances[i]
+        if np.int64(n) < expecting:
+            _expect(instances, np.uintp(chosen[n + np.uintp(_AHEAD)]), k)
         well, later = True, False
         since = 0 if m.period == 1 else k % m.period
         if failed > 0 and _corrupted(instances, m.library):

@@ -90,7 +90,7 @@ from cosim_master.stepping.kernels.threads import hand_out, join_in
 __all__ = ["end_here", "next_point", "outbox_needed", "places_needed", "record", "run", "sent_bytes"]
 
 
-_TOGETHER = 1 << 20
+_TOGETHER = 1 << 18
 """Places that are reserved for the packets of all ports together; a thousand nodes that hear each other need more."""
 
 
@@ -132,10 +132,15 @@ def _deliver_all(p: Plan, r: Radio, k: int) -> None:
     t = point_in_time(p.counters, k)
     for e in range(ports.size):
         port = ports[e]
-        period = instances[port.instance].period
-        if port.has_rx == 0 or (period > 1 and k % period != 0):
+        if port.has_rx == 0:
             continue
-        if arrived(endpoints, places, t, e):
+        due = arrived(endpoints, places, t, e)
+        if not due and port.filled == 0:
+            continue
+        period = instances[port.instance].period
+        if period > 1 and k % period != 0:
+            continue
+        if due:
             n = deliver(r, t, e, rx[e] if port.binary != 0 else p.received)
             if port.binary != 0:
                 port.given_size = n

@@ -29,6 +29,7 @@ __all__ = [
     "EVENTFUL",
     "EVENTS_DUE",
     "EVERY",
+    "EXPECTING",
     "FAILED",
     "FAILURES",
     "FATAL",
@@ -109,6 +110,7 @@ INSTANCE = np.dtype(
     [
         ("handle", "u8"),
         ("do_step", "u8"),
+        ("expect", "u8"),  # of our FMUs in large swarms: a function that prefetches its memory, 0: none
         ("answers", "u8"),  # of FMI 3: address of what fmi3DoStep answers, see ANSWERS; 0 is FMI 2
         ("h", "f8"),  # its present step in s
         ("period", "i8"),  # base steps per step of the instance
@@ -185,12 +187,12 @@ PORTS = np.dtype(
 K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK, EVENTFUL, ORDER, FINER, FINAL = range(
     15
 )
-PER_NS, NAN_ALLOWED = 15, 16
+PER_NS, NAN_ALLOWED, EXPECTING = 15, 16, 17
 """Places in `Plan.counters`. START and BASE in ticks, of which PER_NS make a nanosecond; REALS_IN, REALS_OUT: number of
 real inputs and outputs; BLOCK: number of instances that a thread takes at a time, 0 without threads. EVENTFUL: number
 of instances that use Event Mode. ORDER: JACOBI, IN_ORDER or BY_PYTHON, which is `iteration`. FINER: number of parts
 into which base steps are currently divided. FINAL: whether no FMU state from before a step is restored after it.
-NAN_ALLOWED: whether outputs may be NaN.
+NAN_ALLOWED: whether outputs may be NaN. EXPECTING: whether instances have functions `expect`.
 """
 JACOBI, IN_ORDER, BY_PYTHON = 0, 1, 2
 
@@ -258,7 +260,7 @@ class Plan(NamedTuple):
 
 ROLES = declared(
     CONSTANT="""
-        instances.handle instances.do_step instances.answers instances.library instances.endpoint
+        instances.handle instances.do_step instances.expect instances.answers instances.library instances.endpoint
         instances.first_set instances.first_set_value instances.first_get instances.last_get
         calls feeds input_runs sources wires int_to_real value_maps
         real_recorded int_recorded grids delays slopes.input slopes.instance confined free ahead

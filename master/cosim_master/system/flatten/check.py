@@ -272,10 +272,14 @@ class _Check:
     def _silent_clocks(self, instances: tuple[ComponentInstance, ...], links: tuple[FlatConnection, ...]) -> None:
         """Notes triggered Clocks that no other Clock drives, which never tick. Time-based Clocks tick by themselves."""
         driven = {link.target for link in links}
+        triggered: dict[int, list[Variable]] = {}
         for instance in instances:
-            for v in instance.fmu.variables.values():
-                triggered = v.clock is not None and v.clock.kind == "triggered" and v.causality == "input"
-                if triggered and (instance.name, v.name) not in driven:
+            fmu = instance.fmu
+            if id(fmu) not in triggered:
+                clocks = (v for v in fmu.variables.values() if v.clock is not None and v.causality == "input")
+                triggered[id(fmu)] = [v for v in clocks if v.clock is not None and v.clock.kind == "triggered"]
+            for v in triggered[id(fmu)]:
+                if (instance.name, v.name) not in driven:
                     text = "nothing is connected to this Clock: it never ticks"
                     self.notes.append(f"{instance.name}.{v.name}: {text}")
 

@@ -83,15 +83,9 @@ class ComponentInstance:
 
     def effective_values(self) -> dict[str, Start]:
         """Returns start values of all parameters and inputs: the system's value if it sets one, or the FMU's."""
-        own = {
-            variable.name: variable.start
-            for variable in self.fmu.variables.values()
-            if variable.start is not None and variable.settable and variable.causality in ("parameter", "input")
-        }
-        apart = {
-            v.name for v in self.fmu.variables.values() if v.causality == "structuralParameter" or v.clock is not None
-        }
-        return {name: value for name, value in {**own, **self.start_values}.items() if name not in apart}
+        apart = self.fmu.apart
+        given = {n: x for n, x in self.start_values.items() if n not in apart} if apart else self.start_values
+        return {**self.fmu.defaults, **given}
 
 
 @dataclass(frozen=True, slots=True)
