@@ -234,6 +234,8 @@ EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], 
     for (size_t i = 0; i < n; i++) {
         VARIABLE("fmi2GetString", PACKETS);
         USED_BYTES(v);
+        value[i] = ""; /* as in most steps: with many instances, the text is not cached */
+        if (!used) continue;
         encode(s->record + v->offset, (size_t)used, s->text + v->text);
         value[i] = s->text + v->text;
     }

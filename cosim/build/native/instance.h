@@ -207,6 +207,7 @@ static inline void prefetch(const unsigned char *record) {
 /* A hint that this instance will soon make a step: its memory comes nearer while another instance makes its step. */
 EXPORT void uav_cosim_expect(void *c) {
     __builtin_prefetch(c, 1);
+    __builtin_prefetch(&((Instance *)c)->text, 1); /* it may be in the next line */
     prefetch(record_of((Instance *)c));
 }
 

@@ -38,7 +38,7 @@ FreeInstance GetBoolean GetBooleanStatus GetDirectionalDerivative GetFMUstate Ge
 GetRealOutputDerivatives GetRealStatus GetStatus GetString GetStringStatus GetTypesPlatform GetVersion Instantiate
 Reset SerializeFMUstate SerializedFMUstateSize SetBoolean SetDebugLogging SetFMUstate SetInteger SetReal
 SetRealInputDerivatives SetString SetupExperiment Terminate"""
-EXPORTED = {f"fmi2{name}" for name in FUNCTIONS.split()}
+EXPORTED = {"uav_cosim_expect", *(f"fmi2{name}" for name in FUNCTIONS.split())}
 
 
 def _load(file: str) -> ModuleType:
@@ -273,6 +273,36 @@ def test_saved_states(name: str, fmus: Path, tmp_path: Path) -> None:
     fmu.enterInitializationMode()
     fmu.exitInitializationMode()
     assert serialized(fmu) == fresh
+
+
+def test_an_expected_instance_is_unchanged(fmus: Path, tmp_path: Path) -> None:
+    model, make = MODELS["Quadrotor"], Factory(fmus / "Quadrotor.fmu", tmp_path)
+    fmu, other = make(), make("other")
+    expect = fmu.dll.uav_cosim_expect
+    expect.argtypes, expect.restype = [ctypes.c_void_p], None
+    for step in range(20):
+        before = serialized(fmu)
+        expect(fmu.component)
+        assert serialized(fmu) == before
+        advance(model, fmu, step, step + 1)
+    advance(model, other, 0, 20)
+    assert serialized(fmu) == serialized(other)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_tables_that_a_simulation_does_not_use_take_no_memory(fmus: Path, tmp_path: Path) -> None:
+    model, make = MODELS["Autopilot"], Factory(fmus / "Autopilot.fmu", tmp_path)
+
+    def resident() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    kept = [make("first")]
+    before = resident()
+    kept += [make(f"{i}") for i in range(100)]
+    each = (resident() - before) / 100
+    size = record_layout(model.variables)[0].itemsize
+    assert size > 90_000
+    assert each < 0.6 * size
 
 
 def test_foreign_and_damaged_states_are_refused(fmus: Path, compiled_plant: Path, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import json
 import locale
 import os
 import re
+import shutil
 import signal
 import sys
 import tempfile
@@ -425,6 +426,25 @@ def test_our_fmus_are_not_isolated(fmus: Path, faulties: Faulties) -> None:
     assert Isolation("foreign").isolates(theirs) and not Isolation("none").isolates(theirs)
     assert Isolation("foreign").isolates(replace(theirs, generation_tool="uav-cosim"))
     assert not built_here(replace(ours, guid=ours.guid.upper()))
+
+
+def test_a_swarm_opens_each_file_once(fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also if another file has taken the place of one that was asked for."""
+    opened: list[Path] = []
+    whole = zipfile.ZipFile
+
+    def counted(file: Path, *more: Any) -> zipfile.ZipFile:
+        opened.append(file)
+        return whole(file, *more)
+
+    copy = tmp_path / "Copy.fmu"
+    shutil.copy(fmus / "Quadrotor.fmu", copy)
+    ours = describe(copy)
+    monkeypatch.setattr("cosim_master.fmi.slaves.isolated.zipfile.ZipFile", counted)
+    assert all(not Isolation("foreign").isolates(ours, f"drone{i}") for i in range(100))
+    assert opened == [copy]
+    copy.write_bytes(b"nothing")
+    assert Isolation("foreign").isolates(replace(ours, digest="of another file"))
 
 
 def test_options() -> None:

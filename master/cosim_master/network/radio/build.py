@@ -214,7 +214,7 @@ def _trace(network: Network, nodes: Mapping[str, int]) -> np.ndarray[Any, Any]:
 
 
 _EVENTS, _LOGGED = 32, 2048
-"""Events, and bytes of the log, for each node: whenever they are full, something is written to the log of every node."""
+"""Events, and bytes of the log, for each node: whenever they are full, the logs of all nodes are written."""
 
 
 def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: bool) -> Radio:

@@ -1,0 +1,48 @@
+"""manifest.json: written in pieces, with the lines of its first levels, and updated in place."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from cosim_master.results.storage.manifest_file import NAME, RunningManifest, write_manifest
+
+CONTENT: dict[str, Any] = {
+    "outcome": "running",
+    "ünder": {'a\n"b': [1, 2.5, None], "empty": {}, "none": []},
+    "instances": {"drone1": {"parameters": {"x": 1.0, "y": [True, {"deep": "text\nof lines"}]}}, "drone2": {}},
+    "half": "\udc80",
+    "packets": {"sent": 0, "lost": 0},
+    "list": [[1, [2, [3, [4]]]], {"a": 1}],
+}
+
+
+def whole(value: Any, levels: int) -> str:
+    """The text as a whole: an independent form of the same layout."""
+    if not levels or not value or not isinstance(value, (dict, list)):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, dict):
+        lines = [f"{json.dumps(name, ensure_ascii=False)}: {whole(one, levels - 1)}" for name, one in value.items()]
+    else:
+        lines = [whole(one, levels - 1) for one in value]
+    opening, closing = "{}" if isinstance(value, dict) else "[]"
+    return f"{opening}\n " + ",\n".join(lines).replace("\n", "\n ") + f"\n{closing}"
+
+
+def test_pieces_make_the_whole(tmp_path: Path) -> None:
+    write_manifest(tmp_path, CONTENT)
+    data = (tmp_path / NAME).read_bytes()
+    assert data == (whole(CONTENT, 3) + "\n").encode("utf-8", "backslashreplace")
+    assert json.loads(data) == CONTENT
+
+
+def test_values_are_updated_in_place(tmp_path: Path) -> None:
+    manifest = RunningManifest(tmp_path, CONTENT, "outcome", "packets")
+    before = (tmp_path / NAME).read_bytes()
+    assert json.loads(before) == CONTENT
+    manifest.update({"outcome": "failed", "packets": {"sent": 123456, "lost": 7}})
+    manifest.close()
+    after = (tmp_path / NAME).read_bytes()
+    assert len(after) == len(before)
+    assert json.loads(after) == {**CONTENT, "outcome": "failed", "packets": {"sent": 123456, "lost": 7}}
