@@ -103,7 +103,7 @@ def make_layout(
     master = master or MasterSettings()
     ports = {kind: Ports() for kind in KINDS}
     fmus = {instance.name: instance.fmu for instance in checked.instances}
-    in_order = {id(fmu): _by_type(fmu) for fmu in fmus.values()}
+    in_order = {key: _by_type(fmu) for key, fmu in {id(fmu): fmu for fmu in fmus.values()}.items()}
     links = [link for link in checked.links if not link.initial_only]
     kinds = [set_kind(fmus[link.target[0]].variables[link.target[1]]) for link in links]
     numeric = [link for link, kind in zip(links, kinds, strict=True) if kind in KINDS]

@@ -14,7 +14,11 @@ def lockstep(checked: CheckedSystem) -> tuple[tuple[int, ...], ...]:
     of them.
     """
     number = {one.name: i for i, one in enumerate(checked.instances)}
-    clocked = {i for i, one in enumerate(checked.instances) if any(v.clock for v in one.fmu.variables.values())}
+    fmus = {id(one.fmu): one.fmu for one in checked.instances}
+    with_clocks = {key for key, fmu in fmus.items() if any(v.clock for v in fmu.variables.values())}
+    clocked = {i for i, one in enumerate(checked.instances) if id(one.fmu) in with_clocks}
+    if not clocked:
+        return ()
     group = {i: {i} for i in clocked}
     for link in checked.links:
         source, target = number[link.source[0]], number[link.target[0]]
