@@ -18,6 +18,9 @@ unexport PYTHONDONTWRITEBYTECODE
 # Tests wait for processes and clocks: with one worker more than cores, all cores are busy.
 WORKERS = $(shell $(BIN)/python -c 'import os; print((os.cpu_count() or 1) + 1)')
 
+# Tests that wait for other programs and hardly compute; their files are named, so that no others are collected.
+ALONE = -m alone $(shell grep -rl --include='test_*.py' 'mark\.alone' tests) $(if $(ARDUPILOT_SITL),,-n 3 --dist load)
+
 .PHONY: demo test fmus lint compiled-tests docs wheel sdist clean
 
 demo: $(VENV)/installed
@@ -28,10 +31,11 @@ demo: $(VENV)/installed
 fmus: $(VENV)/installed
 	$(COSIM) build -o fmus
 
-test: $(VENV)/tested
-	$(MAKE) -j 2 fmus lint compiled-tests
+# FMUs are built while the packages of tests are installed.
+test:
+	$(MAKE) -j 3 fmus lint compiled-tests
 	$(BIN)/python -m pytest -m 'not alone' -n $(WORKERS) --dist loadfile --no-loadscope-reorder
-	$(BIN)/python -m pytest -m alone $(if $(ARDUPILOT_SITL),,-n 2 --dist load)
+	$(BIN)/python -m pytest $(ALONE)
 
 # Once, and not by each worker.
 compiled-tests: $(VENV)/tested
@@ -51,9 +55,11 @@ $(VENV)/installed: $(VENV)/bin/python pyproject.toml
 	$(PIP) -e '.[build,plot]'
 	touch $@
 
-$(VENV)/tested: $(VENV)/bin/python pyproject.toml
-	$(PIP) -e '.[build,export,film,helics,live,mpi,plot,rerun,ros2,sweep,docs,test,clients]'
-	touch $(VENV)/installed $@
+# Without this project, which is in use meanwhile.
+$(VENV)/tested: $(VENV)/installed
+	$(BIN)/python -c 'import tomllib; print(*sum(tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"].values(), []), sep="\n")' > $(VENV)/requirements
+	$(PIP) -r $(VENV)/requirements
+	touch $@
 
 docs: $(VENV)/tested
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs/site -d build/docs . site

@@ -18,7 +18,7 @@ import hashlib
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,7 +42,7 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.np import arrayobj
 
-from cosim.kept import read_kept, write_kept
+from cosim.kept import made_once, read_kept, write_kept
 
 __all__ = ["Kernel", "Lowered", "ShortRecord", "keep_only", "link", "saved_code"]
 
@@ -207,6 +207,13 @@ class _KeptCode(_Cache):  # type: ignore[misc]
             return
         _used[file] = None
 
+    def made_once(self, signature: Any, context: Any) -> AbstractContextManager[None]:
+        """Lets one process compile code that is missing, such as one of the parts of a run that start together."""
+        name = self._name(signature, context)
+        if any((folder / name).is_file() for folder in self._folders):
+            return nullcontext()
+        return made_once(self._folders[-1] / name)
+
     def flush(self) -> None:
         for file in self._folders[-1].glob(f"{self._function.__qualname__}-*.kernel"):
             file.unlink(missing_ok=True)
@@ -327,7 +334,12 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     def compile(self, sig: Any) -> Any:
         if not isinstance(self._compiler, _ForPython):
             self._compiler = _ForPython(self)
-        with _without_collector():
+        kept = isinstance(self._cache, _KeptCode) and tuple(normalize_signature(sig)[0]) not in self.overloads
+        with (
+            global_compiler_lock,  # first: who has the lock of a file waits for nobody
+            self._cache.made_once(sig, self.targetctx) if kept else nullcontext(),
+            _without_collector(),
+        ):
             return super().compile(sig)
 
     def lower(self, types: tuple[Any, ...], returns: Any = None) -> Lowered:

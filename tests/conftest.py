@@ -37,22 +37,37 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 LONGEST = (
-    "scenarios/test_builds_agree.py",
     "test_readme.py",
-    "cosim/test_build.py",
-    "master/cli/test_terminal.py",
+    "scenarios/test_builds_agree.py",
+    "master/fmi/test_runner.py",
+    "master/campaigns/test_campaigns.py",
     "test_benchmarks.py",
-    "cosim/test_compiled_fmu.py",
+    "test_tutorial.py",
+    "scenarios/test_run_in_parts.py",
+    "scenarios/test_parts_on_mpi.py",
+    "master/cli/test_terminal.py",
+    "master/system/test_shipped.py",
+    "master/view/test_live_page.py",
     "models/agents/test_agents_page.py",
-    "cosim/test_messages.py",
-    "master/view/test_page.py",
-    "cosim/test_packets.py",
-    "master/cli/test_cli.py",
-    "master/system/authoring/test_scaffold.py",
-    "master/system/test_conformance.py",
-    "master/system/authoring/test_new.py",
+    "scenarios/test_isolated_fmus_give_the_same_bits.py",
+    "models/agents/test_coverage.py",
+    "test_site.py",
     "test_contributing.py",
-    "cosim/test_models_page.py",
+    "master/view/test_ros2.py",
+    "master/view/test_page.py",
+    "scenarios/test_federation.py",
+    "scenarios/test_pymavlink_flies.py",
+    "master/system/authoring/test_scaffold.py",
+    "master/fmi/test_serving.py",
+    "scenarios/test_every_vehicle_flies.py",
+    "master/execution/startup/test_startup.py",
+    "master/results/export/test_mp4.py",
+    "scenarios/test_process_is_killed.py",
+    "cosim/test_packets.py",
+    "cosim/test_messages.py",
+    "master/fmi/test_isolation.py",
+    "scenarios/test_surroundings_act.py",
+    "master/view/test_rerun_viewer.py",
 )
 """Files that take longest, in order: where tests run side by side, one of them that began last would run alone."""
 
@@ -60,6 +75,8 @@ LONGEST = (
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the longest files first; `--no-loadscope-reorder` keeps this order for xdist."""
     order = {ROOT / "tests" / name: place for place, name in enumerate(LONGEST)}
+    if missing := [str(file) for file in order if not file.is_file()]:
+        raise pytest.UsageError(f"LONGEST in tests/conftest.py names {', '.join(missing)}: no such file")
     items.sort(key=lambda item: order.get(item.path, len(order)))
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cosim.kept import made_once, read_kept, write_kept
 from cosim.kernel import kernel
 
 numba = pytest.importorskip("numba")
@@ -88,7 +89,8 @@ def test_functions_that_are_no_kernels_may_call_one() -> None:
 
 
 CALL = "import sys; sys.path.insert(0, sys.argv[1]); from garden.bed import watered; print(watered(1.5))"
-BED = """from cosim.kernel import kernel
+BED = """from cosim.kept import made_once, read_kept, write_kept
+from cosim.kernel import kernel
 from garden.can import FILL
 
 @kernel
@@ -175,3 +177,55 @@ def test_code_that_nobody_has_written_with_a_digest_is_not_unpickled(tmp_path: P
     (tmp_path / "unpickled").unlink()
     assert watered(tmp_path, "cache")[0] == "4.0\n"
     assert not (tmp_path / "unpickled").exists()
+
+
+WAITING_CALL = """
+import sys, time, types
+import cosim.kept
+from cosim.lowering import _ForPython
+
+def sleep(seconds):
+    print("waits", flush=True)
+    time.sleep(seconds)
+
+def compiles(self, *arguments):
+    raise AssertionError("it compiles")
+
+cosim.kept.time = types.SimpleNamespace(sleep=sleep, monotonic=time.monotonic)
+_ForPython._compile_core = compiles
+"""
+
+
+def test_code_that_another_process_makes_is_waited_for(tmp_path: Path) -> None:
+    """Parts of a run, tests and campaigns start together: one of them compiles, and the others load its code."""
+    garden = tmp_path / "garden"
+    garden.mkdir()
+    (garden / "__init__.py").touch()
+    (garden / "bed.py").write_text(BED)
+    (garden / "can.py").write_text("FILL = 2.0\n")
+    _, (name,) = watered(tmp_path, "cache")
+    file = tmp_path / "cache/uav-cosim/kernels" / name
+    code = read_kept(file)
+    assert code is not None
+    file.unlink()
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    command = [sys.executable, "-c", WAITING_CALL + CALL, str(tmp_path)]
+    with made_once(file):
+        child = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        assert child.stdout is not None
+        assert child.stdout.readline() == "waits\n"
+        write_kept(file, code)
+    printed, errors = child.communicate(timeout=600)
+    assert child.returncode == 0, errors
+    assert printed.splitlines()[-1] == "4.0"
+    assert [path.name for path in file.parent.iterdir()] == [file.name]
+
+
+def test_code_is_made_where_no_file_can_be_locked(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with made_once(tmp_path / "file" / "below.kernel"):
+        pass
+    with made_once(tmp_path / "new" / "a.kernel"), pytest.raises(ValueError), made_once(tmp_path / "new" / "b.kernel"):
+        assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["a.lock", "b.lock"]
+        raise ValueError
+    assert not list((tmp_path / "new").iterdir())

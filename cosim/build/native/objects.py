@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim.build.sources import Sources, sources_of_module
-from cosim.kept import read_kept, write_kept
+from cosim.kept import made_once, read_kept, write_kept
 from cosim.kernel import cache_folder, forget_unused, imported_sources
 from cosim.model import Model
 
@@ -39,9 +39,12 @@ def object_code(
     if (code := read_kept(file)) is not None:
         os.utime(file)
         return code
-    code = make()
-    forget_unused(file.parent)
-    write_kept(file, code)
+    with made_once(file):
+        code = read_kept(file)
+        if code is None:
+            code = make()
+            forget_unused(file.parent)
+            write_kept(file, code)
     return code
 
 
