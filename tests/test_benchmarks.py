@@ -126,3 +126,87 @@ def test_instructions_steps_what_it_counts() -> None:
     command = [sys.executable, str(BENCHMARKS / "instructions.py"), "--child", "line5", "--from", "1", "--steps", "10"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture
+def partitions(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    return importlib.import_module("partitions")
+
+
+WINDOW, SECONDS, DRONES, PACKETS = 4, 4 / 400, 1000, 6.0
+
+
+def costs(partitions: Any, latency: float, recorded: float = 0.0) -> Any:
+    return partitions.Costs(1.2e-6, 25e-6, 6e-7, 3e-4, latency, 1e8, 0.0, PACKETS, recorded)
+
+
+def parts_of_a_window(of: Any, topology: str, hosts: int) -> tuple[float, float]:
+    """Seconds in which a host steps and replays, and in which its message is under way; all hosts hear all others."""
+    own = DRONES / hosts
+    sent = own * PACKETS * SECONDS
+    crossing = 2 * PACKETS * SECONDS if topology == "line" else sent
+    size = {"line": 128 * crossing, "all": 128 * crossing + 24 * own * WINDOW, "near": 152 * crossing + 384}[topology]
+    busy = own * of.step * WINDOW + of.window + (sent + (hosts - 1) * crossing) * of.packet
+    return busy + 2 * (hosts - 1) * of.message, (hosts - 1) * size / of.rate + of.latency
+
+
+@pytest.mark.parametrize(("topology", "hosts"), [("line", 2), ("near", 2), ("all", 2), ("all", 4)])
+@pytest.mark.parametrize("hidden", [True, False])
+@pytest.mark.parametrize("latency", [0.0, 2e-3, 2e-2])
+def test_the_model_of_parts_has_its_closed_form(
+    partitions: Any, topology: str, hosts: int, hidden: bool, latency: float
+) -> None:
+    """Without noise, a window takes the greatest mean of a cycle: of a host alone, or of two that wait for each other,
+    for the same window, or, if messages are hidden, for the one before.
+    """
+    of = costs(partitions, latency)
+    busy, under_way = parts_of_a_window(of, topology, hosts)
+    period = max(busy, (busy + under_way) / 2) if hidden else busy + under_way
+    given = {"window": WINDOW, "neighbours": 6, "windows": 1000}
+    found = partitions.speed(DRONES, hosts, topology, of, hidden=hidden, **given)
+    assert found == pytest.approx(SECONDS / period, rel=4e-3)
+
+
+@pytest.mark.parametrize("latency", [0.0, 2e-2])
+def test_the_model_of_parts_counts_the_rows_that_part_0_takes(partitions: Any, latency: float) -> None:
+    of = costs(partitions, latency, recorded=24_000.0)
+    busy, under_way = parts_of_a_window(of, "all", 2)
+    rows = DRONES / 2 * 24_000.0 * SECONDS * (1 / of.rate + 0.5e-9)
+    period = max(busy + rows, busy + under_way + rows / 2)
+    found = partitions.speed(DRONES, 2, "all", of, window=WINDOW, hidden=False, neighbours=6, windows=1000)
+    assert found == pytest.approx(SECONDS / period, rel=4e-3)
+
+
+@pytest.mark.slow
+def test_speeds_of_parts_are_measured(
+    tmp_path: Path, fmus: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mpi4py")
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    parts = importlib.import_module("parts")
+    libraries = dict([*parts.launchers([]).items()][:1])
+    monkeypatch.setattr(parts, "launchers", lambda _: libraries)
+    document, file = tmp_path / "scale.md", tmp_path / "parts.json"
+    document.write_text("# Scale\n\nOther figures.\n", encoding="utf-8")
+    words = ["--parts", "1", "2", "--drones", "3", "--points", "--seconds", "0.2", "--docs", str(document)]
+    parts.main([*words, "--json", str(file)])
+    found = json.loads(file.read_text(encoding="utf-8"))
+    assert [(one["drones"], one["vehicle"], one["parts"]) for one in found["swarms"]] == [
+        (3, "Quadrotor", 1),
+        (3, "Quadrotor", 2),
+    ]
+    assert all(one["processor_s"] > 0.0 < one["real_time_factor"] for one in found["swarms"])
+    assert [(one["library"], one["parts"]) for one in found["windows"]] == [(*libraries, 2)]
+    text = document.read_text(encoding="utf-8")
+    assert text.startswith("# Scale\n\nOther figures.\n")
+    assert "| 3 | Quadrotor | 2 |" in text
+    assert f"| {next(iter(libraries))} | " in text
+    assert "3 Quadrotor in 2" in capsys.readouterr().out
+
+
+def test_a_run_that_fails_ends_the_benchmark_with_its_message(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    parts = importlib.import_module("parts")
+    with pytest.raises(SystemExit, match=r"(?s)run .*missing.ssd.*: exit code 2\n.*error: "):
+        parts.flown(tmp_path / "missing.ssd", 1, 1.0, tmp_path / "out")

@@ -197,13 +197,77 @@ def test_a_part_is_stopped(fmus: Path, tmp_path: Path) -> None:
         os.kill(stopped, signal.SIGSTOP)
         code, error, manifest = parts.end()
     assert code == 1
-    assert "part 2: no message for 8 s: it hangs, or is stopped or unreachable" in error
+    assert "part 2: no message for 8 s: it hangs, or is stopped or unreachable; a slow machine needs" in error
+    assert "a longer --partition-timeout; what was recorded until then is complete" in error
     assert manifest["outcome"] == "failed"
     complete(tmp_path / "out", manifest)
     end = time.monotonic() + LIMIT
     while Path(f"/proc/{stopped}").exists() and time.monotonic() < end:
         time.sleep(0.1)
     assert not Path(f"/proc/{stopped}").exists()  # nothing of the run is left
+
+
+@pytest.mark.alone
+def test_a_part_that_is_slow_is_waited_for(fmus: Path, tmp_path: Path) -> None:
+    """It is stopped for two seconds, which is less than the time-out: the run goes on, with the same bits."""
+    whole = fly(SYSTEMS / "line5", tmp_path / "whole", until=4.0)
+    with running(tmp_path / "parts", "--pace", "1", "--until", "4") as parts:
+        parts.flies()
+        stopped = parts.rank(2)
+        os.kill(stopped, signal.SIGSTOP)
+        time.sleep(2.0)
+        os.kill(stopped, signal.SIGCONT)
+        code, error, manifest = parts.end()
+    assert (code, manifest["outcome"]) == (0, "done"), error
+    same(whole.folder, tmp_path / "parts")
+
+
+WAITING = """
+from cosim_master.execution.partitions.mpi import MpiTransport
+from cosim_master.execution.partitions.transport import PartLost
+for patient in (False, True):
+    try:
+        MpiTransport(0.02).receive(0, patient=patient)
+    except PartLost as error:
+        print(error.why)
+"""
+
+
+def test_messages_of_time_outs_name_the_limit() -> None:
+    """A part that waits for itself, in vain."""
+    hidden = [option for name in _SIZES for option in ("-u", name)]
+    command = ["env", *hidden, sys.executable, "-c", WAITING]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LIMIT)
+    said = "it hangs, or is stopped or unreachable; a slow machine needs a longer --partition-timeout"
+    assert done.stdout.splitlines() == [
+        f"no message for 0.06 s: {said}",
+        f"no message for 0.6 s, 30 times --partition-timeout, as it starts or ends: {said}",
+    ], done.stderr
+
+
+OTHER_VERSION = """
+import os
+from cosim_master.execution.partitions import starting
+of = starting.version
+if os.environ["OMPI_COMM_WORLD_RANK"] == "1":
+    starting.version = lambda name: "0.0.9" if name == "uav-cosim" else of(name)
+from cosim_master.cli import main
+main()
+"""
+
+
+def test_a_part_of_another_version_is_refused(fmus: Path, tmp_path: Path) -> None:
+    launcher = [str(Path(sys.executable).with_name("mpirun")), "-n", "2", "--host", "localhost:2", "--bind-to", "none"]
+    environment = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    command = [*launcher, sys.executable, "-c", OTHER_VERSION, "run", str(SYSTEMS / "line5"), "--until", "2"]
+    command += ["-o", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=LIMIT)
+    assert done.returncode == 2
+    assert done.stderr.count("error:") == 1, done.stderr
+    said = f"part 1 ({os.uname().nodename}): it has uav-cosim 0.0.9, part 0 has "
+    assert said in done.stderr.replace("\n", " ")
+    assert "install the same version everywhere" in done.stderr.replace("\n", " ")
+    assert not (tmp_path / "out" / "manifest.json").exists()
 
 
 @pytest.mark.alone

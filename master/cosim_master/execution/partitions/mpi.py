@@ -34,11 +34,13 @@ _LONGER = 3
 """Part 0 may itself wait for a lost part, and then complete its files; others wait so many times longer for it."""
 _REPORTS = 1
 """Tag of reports of lost parts to part 0."""
-_PATIENCE = 1800.0
-"""Seconds for messages of parts that read a system, load FMUs or compile kernels."""
+_PATIENCE = 30.0
+"""Parts that read a system, load FMUs, compile kernels or complete files may take so many times longer."""
 _DATA, _ENDED, _FAILED = b"d", b"e", b"f"
 """First byte of a message: a message; the part has ended; it fails, with the reason."""
 _DIED, _SILENT = "its process has ended", "no message"
+_RAISED = "it hangs, or is stopped or unreachable; a slow machine needs a longer --partition-timeout"
+_PATIENT = f", {_PATIENCE:g} times --partition-timeout, as it starts or ends"
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
 
@@ -105,8 +107,8 @@ class MpiTransport:
         if source in self._gone:
             raise PartLost(source, "it has ended")
         try:
-            limit = self.seconds * (_LONGER if source == 0 else 1)
-            message = self._next(source, _PATIENCE if patient else limit)
+            longer = _PATIENCE if patient else _LONGER if source == 0 else 1
+            message = self._next(source, self.seconds * longer, _PATIENT if patient else "")
         except PartLost as error:
             raise self._agreed(error) from None
         kind, content = message[:1], message[1:]
@@ -117,8 +119,12 @@ class MpiTransport:
             raise PartLost(source, "it has ended")
         raise self._agreed(PartLost(source, content.decode("utf-8", "replace")))
 
-    def _next(self, source: int, limit: float) -> bytes:
-        """Returns the next message with its kind; raises PartLost if any part has died, or the time is over."""
+    def _next(self, source: int, limit: float, why: str) -> bytes:
+        """Returns the next message with its kind; raises PartLost if any part has died, or the time is over.
+
+        Args:
+            limit: s; `why` it is this one.
+        """
         status, naps, began = self._mpi.Status(), -_SPINS, time.monotonic()
         try:
             while (found := self._comm.Improbe(source=source, tag=0, status=status)) is None:
@@ -128,7 +134,7 @@ class MpiTransport:
                     if naps % _LOOK == 0:
                         self._look()
                         if time.monotonic() - began > limit:
-                            raise PartLost(source, f"{_SILENT} for {limit:g} s: it hangs, or is stopped or unreachable")
+                            raise PartLost(source, f"{_SILENT} for {limit:g} s{why}: {_RAISED}")
             message = bytearray(status.Get_count(self._mpi.BYTE))
             found.Recv([message, self._mpi.BYTE])
         except self._mpi.Exception as error:

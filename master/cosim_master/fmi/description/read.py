@@ -138,7 +138,9 @@ def extract(description: FmuDescription, directory: Path) -> Path:
     if not target.isascii() or any(character in "%#?+ " for character in target):
         raise ValueError(f'FMUs must be unpacked into a path of plain ASCII without % # ? + and spaces, not "{target}"')
     if _digest(description.path) != description.digest:
-        problem = Problem(Where(str(description.path)), "the file has changed since it was checked")
+        problem = Problem(
+            Where(str(description.path)), "the file has changed since it was checked; start the run again"
+        )
         raise SystemDescriptionError([problem])
     archive.unpack(description.path, directory, str(description.path))
     return directory.joinpath(*PurePosixPath(description.library).parts)
