@@ -30,7 +30,7 @@ from typing import Any
 from report import machine, section, show, write
 
 from cosim_master.execution.partitions.mpi import MpiTransport
-from cosim_master.stepping.warming import compile_loop
+from cosim_master.stepping.warming import EVERY_RUN, IN_PARTS, compile_loop
 from cosim_master.system.authoring.swarm.new import fleet_of, new_system
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -195,7 +195,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if o.docs is not None:
                 document_windows(o.docs, host, exchanged)
         if o.only != "windows":
-            compile_loop()  # so that no run compiles
+            compile_loop((*EVERY_RUN, *IN_PARTS))  # so that no run compiles
         points = {"vehicle": "PointMass", "autopilot": "IdealAutopilot"}
         for sizes, fleet in () if o.only == "windows" else ((o.drones, {}), (o.points, points)):
             for row in swarms(sizes, fleet, o.parts, o.seconds, Path(made)):

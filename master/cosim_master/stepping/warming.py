@@ -27,10 +27,13 @@ from cosim_master.network.radio.tables import Radio
 from cosim_master.stepping.kernels import frames, instances, macro_step, tables, threads
 from cosim_master.stepping.kernels.tables import Plan
 
-__all__ = ["EVERY_RUN", "compile_loop", "kernels_of_runs", "types_of"]
+__all__ = ["EVERY_RUN", "IN_PARTS", "compile_loop", "kernels_of_runs", "types_of"]
 
 EVERY_RUN = ("run", "collect_all", "places_needed", "sent_bytes", "divide")
 """Kernels that every run requires."""
+
+IN_PARTS = ("run_framed", "outbox_needed", "replay")
+"""Kernels that a run in parts requires besides."""
 
 _STRUCTURED = {
     Plan: {

@@ -15,7 +15,7 @@ from cosim_master.execution import execution
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.run import driver
 from cosim_master.execution.simulate import simulate
-from cosim_master.stepping.warming import EVERY_RUN, types_of
+from cosim_master.stepping.warming import EVERY_RUN, IN_PARTS, types_of
 
 pytestmark = [
     pytest.mark.usefixtures("own_cache"),
@@ -52,7 +52,17 @@ def test_the_command_writes_what_a_package_brings(tmp_path: Path) -> None:
     """The loop is compiled by then: its code is copied."""
     subprocess.run([sys.executable, "-m", "cosim_master.stepping.warming", str(tmp_path)], check=True)
     files = {file.name.partition("-")[0]: file for file in tmp_path.glob("*/*.kernel")}
-    assert set(files) >= {*EVERY_RUN, "work", "record", "end_here", "step_each", "step_together", "admit", "deliver"}
+    assert set(files) >= {
+        *EVERY_RUN,
+        *IN_PARTS,
+        "work",
+        "record",
+        "end_here",
+        "step_each",
+        "step_together",
+        "admit",
+        "deliver",
+    }
     assert files["run"].parent.name == files["places_needed"].parent.name
     done = subprocess.run(
         [sys.executable, "-m", "cosim_master.stepping.warming"], capture_output=True, text=True, check=False
