@@ -274,6 +274,73 @@ def test_many_drones_have_quantiles_and_colours_instead_of_names(tmp_path: Path)
     np.testing.assert_allclose(points.get_offsets()[7], (places["drone8"][row, 1], 10.0), atol=1e-3)
 
 
+def test_a_long_line_is_compared_with_its_places_and_folded(tmp_path: Path) -> None:
+    """151 drones: two pieces of a map; snapshots show distances to even spacing by number."""
+    flight = read_flight(consensus_run(tmp_path, [10.0 * i + 3.0 * (i % 3) for i in range(151)], last_step=2))
+    point, _ = flight.law or ({}, 0.0)
+    places = [drone.position for drone in flight.drones if drone.position is not None]
+    snapshots, seen = draw_snapshots(flight), draw_map(flight, 40.0)
+    assert snapshots and seen and len(places) == 151
+
+    assert [axes.get_ylabel() for axes in snapshots.axes] == ["east of even spacing (m)", "", "", "height (m)", "", ""]
+    row = flight.row(end_of_step(1) - 0.02)
+    offsets = snapshots.axes[0].collections[0].get_offsets()
+    np.testing.assert_allclose(offsets[7], (8, places[7][row, 1] - point["drone8"]), rtol=1e-12)
+    np.testing.assert_allclose(snapshots.axes[3].collections[0].get_offsets()[7], (8, 10.0), atol=1e-3)
+
+    pieces = seen.axes[:2]
+    ends = np.array([position[-1, 1] for position in places])
+    moved = ends - [position[0, 1] for position in places]
+    shown: set[int] = set()
+    for axes in pieces:
+        (points,) = axes.collections
+        low, high = axes.get_xlim()
+        inside = np.flatnonzero((ends > low) & (ends < high))
+        offsets = np.asarray(points.get_offsets())
+        found = [int(np.argmin(np.abs(ends - x))) for x, _ in offsets if low < x < high]
+        assert found == list(inside)  # none is missing in its piece
+        np.testing.assert_allclose(
+            np.asarray(points.get_array())[(offsets[:, 0] > low) & (offsets[:, 0] < high)], moved[inside]
+        )
+        shown |= set(found)
+    assert shown == set(range(151))
+    assert seen.axes[-1].get_ylabel() == "moved east (m)"
+    said = pieces[1].get_xlabel()
+    seen.canvas.draw()  # the scale that the label states is that of the picture
+    (x0, y0), (x1, y1) = (pieces[0].transData.transform(at) for at in ((0.0, 0.0), (1.0, 1.0)))
+    stated = float(said.removeprefix("east (m), in 2 pieces; the scale of north is ").removesuffix(" times as large"))
+    assert stated == pytest.approx((y1 - y0) / (x1 - x0), rel=0.06)
+    middle = ends[
+        np.argmin(np.abs(ends - 0.5 * (min(p[:, 1].min() for p in places) + max(p[:, 1].max() for p in places))))
+    ]
+    edges = [float(line.get_xdata()[0]) for line in pieces[0].lines if line.get_linestyle() == ":"]
+    assert edges == pytest.approx([middle - 40.0, middle + 40.0])
+
+
+def test_a_swarm_that_moves_little_is_shown_by_its_movements(tmp_path: Path) -> None:
+    """The two drones that leave the others have names; a swarm that moves far keeps its places."""
+    time = np.linspace(0, 10, 50)
+    columns: dict[str, tuple[Any, str]] = {"time": (time, "s")}
+    for i in range(30):
+        columns[f"rover{i + 1}.position[1]"] = (10.0 * (i // 6) + (3.0 if i == 16 else 0.0) * time / 10, "m")
+        columns[f"rover{i + 1}.position[2]"] = (10.0 * (i % 6) - (2.0 if i == 3 else 0.0) * time / 10, "m")
+        columns[f"rover{i + 1}.position[3]"] = (np.full(50, -1.5), "m")
+    figure = draw_positions(read_flight(write_run(tmp_path / "little", columns)))
+    north, east, height, way = figure.axes
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        *("moved north (m)", "moved east (m)", "height (m)", "from the start (m)"),
+    ]
+    named = [[text.get_text() for text in axes.texts] for axes in (north, east, height, way)]
+    assert named == [["rover17"], ["rover4"], [], ["rover17"]]
+    assert data(north, "rover17")[1][-1] == pytest.approx(3.0) and data(east, "rover4")[1][-1] == pytest.approx(-2.0)
+    assert data(north, "median")[1][-1] == 0.0
+
+    for i in range(30):
+        columns[f"rover{i + 1}.position[1]"] = (columns[f"rover{i + 1}.position[1]"][0] + 5.0 * time, "m")
+    figure = draw_positions(read_flight(write_run(tmp_path / "far", columns)))
+    assert [axes.get_ylabel() for axes in figure.axes[:2]] == ["north (m)", "east (m)"]
+
+
 def test_a_map_shows_paths_ends_and_the_range_of_the_radio(tmp_path: Path) -> None:
     columns = {"time": (np.linspace(0, 10, 50), "s"), **rover_columns("rover"), **rover_columns("team.truck")}
     figure = draw_map(read_flight(write_run(tmp_path, columns)), reach=25.0)

@@ -90,16 +90,31 @@ def test_the_matrix_has_a_cell_for_each_link(run: Path) -> None:
     assert [text.get_text() for text in figure.axes[1].texts] == ["0", "50", "0"]
 
 
+def ring(n: int, apart: int) -> Links:
+    """Each node but the last ones sends two packets to the node `apart` numbers after it, which hears one."""
+    source = np.arange(n - apart)
+    ones = np.ones(n - apart, np.int64)
+    return Links(tuple(f"n{i}" for i in range(n)), source, source + apart, 2 * ones, ones, 0.1 * ones, np.array([0.1]))
+
+
 def test_the_matrix_of_very_many_nodes_joins_neighbours() -> None:
-    n = 1000
-    source = np.arange(n - 1)
-    ones = np.ones(n - 1, np.int64)
-    links = Links(tuple(f"n{i}" for i in range(n)), source, source + 1, 2 * ones, ones, 0.1 * ones, np.array([0.1]))
-    figure = draw_links(links)
+    figure = draw_links(ring(1000, 13))
     assert figure is not None
     packets = figure.axes[0].images[0].get_array()
-    assert packets.shape == (250, 250) and packets[0, 0] == 6 and packets[0, 1] == 2  # 0-1, 1-2, 2-3 | 3-4
+    assert packets.shape == (250, 250) and packets[0, 3] == 6 and packets[0, 4] == 2  # 0-13, 1-14, 2-15 | 3-16
     assert float(np.nanmax(figure.axes[1].images[0].get_array())) == 50.0
+    assert [axes.get_xlabel() for axes in figure.axes[:2]] == ["receiver"] * 2
+
+
+def test_links_of_very_many_nodes_to_their_neighbours_are_a_band() -> None:
+    figure = draw_links(ring(1000, 2))
+    assert figure is not None
+    packets, lost = (np.ma.filled(axes.images[0].get_array(), np.nan) for axes in figure.axes[:2])
+    assert packets.shape == (250, 5)
+    np.testing.assert_array_equal(packets[:, 4], [8.0] * 249 + [4.0])  # 998 and 999 send nothing
+    assert np.isnan(packets[:, :4]).all() and (lost[:, 4] == 50.0).all()
+    assert figure.axes[0].images[0].get_extent() == [-2.5, 2.5, 1000.5, 0.5]
+    assert figure.axes[0].get_xlabel() == "receiver - sender"
 
 
 def test_latency_is_a_histogram_of_what_arrived(run: Path) -> None:

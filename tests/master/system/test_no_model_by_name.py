@@ -97,7 +97,7 @@ IN_FILES = {
         "report/contents.py": "key of the manifest",
         "report/structure.py": "key of the manifest",
         "results/reading/comparison.py": "key of the manifest",
-        "results/figures/motion.py": "label of an axis",
+        "results/figures/steps.py": "label of an axis",
         "system/flatten/component_settings.py": "attribute of the annotation of solvers",
         "system/reading/others/into_cps.py": "fixed-step",
         "system/reading/others/var_step.py": "var-step",

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim_master.results.figures.many import LONG, draw_folded_map, draw_on_line, draw_places, draw_scattered
+from cosim_master.results.figures.steps import moments, time_axis
 from cosim_master.results.figures.style import (
     DASHES,
     NAMED,
     WIDTH,
+    around,
     colour_bar,
     colours,
     draw_lines,
@@ -19,20 +22,13 @@ from cosim_master.results.figures.style import (
     short,
     together,
 )
-from cosim_master.results.reading.flight import Array, Drone, Flight
+from cosim_master.results.reading.flight import Array, Flight
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["draw_altitude", "draw_errors", "draw_map", "draw_positions", "draw_snapshots"]
-
-SNAPSHOTS = (1, 9, 17)
-"""Steps whose starts are shown in space, if the run reached them; otherwise its first, middle and last step."""
-
-
-_PANEL = 1.95
-"""Width of one of three panels, inches."""
 
 
 def draw_positions(flight: Flight) -> Figure:
@@ -42,17 +38,12 @@ def draw_positions(flight: Flight) -> Figure:
 
     on_line = any(drone.target is not None for drone in flight.drones)
     quantities = [("position east (m)", 1, 1.0)]
+    if len(flight.drones) > NAMED:
+        return draw_on_line(flight, quantities[0][0]) if on_line else draw_places(flight)
     if not on_line:
         quantities = [("north (m)", 0, 1.0), ("east (m)", 1, 1.0), ("height (m)", 2, -1.0)]
-    many = len(flight.drones) > NAMED
-    if many and not on_line:
-        return _draw_many_anywhere(flight)
-    figure = Figure((WIDTH, 3.6 if on_line and not many else 5.4), layout="constrained")
-    panels = 2 if many else len(quantities)
-    all_axes = list(figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0])
-    if many:
-        _draw_many_on_line(figure, all_axes, flight, quantities[0])
-        return figure
+    figure = Figure((WIDTH, 3.6 if on_line else 5.4), layout="constrained")
+    all_axes = list(figure.subplots(len(quantities), 1, sharex=True, squeeze=False)[:, 0])
     for axes, (label, i, sign) in zip(all_axes, quantities, strict=True):
         ends = []
         for drone, colour in zip(flight.drones, colours(len(flight.drones)), strict=True):
@@ -66,61 +57,11 @@ def draw_positions(flight: Flight) -> Figure:
             ends.append((float(end), drone.name, colour))
         axes.set_ylabel(label)
         label_ends(axes, ends, inches=0.75 * figure.get_figheight() / len(all_axes))
-    _time_axis(all_axes, flight, whole=not on_line)
+    time_axis(all_axes, flight, whole=not on_line)
     if on_line:
         lines = [Line2D([], [], color="0.2", linestyle=dashes) for dashes in ("-", "--")]
         figure.legend(lines, ["desired", "actual"], loc="outside upper right", ncols=2)
     return figure
-
-
-def _draw_many_on_line(
-    figure: Figure, all_axes: Sequence[Axes], flight: Flight, quantity: tuple[str, int, float]
-) -> None:
-    """Draws the positions of very many drones, a thin line for each, and how much they change."""
-    flown = [drone.position for drone in flight.drones if drone.position is not None]
-    desired = [drone.target for drone in flight.drones if drone.target is not None]
-    label, i, sign = quantity
-    values = np.stack([sign * position[:, i] for position in flown], axis=1) if flown else np.stack(desired, axis=1)
-    colour_bar(figure, _thin_lines(all_axes[0], flight, values, label), all_axes, "number of the drone")
-    # most of the picture is the distances between the drones
-    begin = flight.row(min(flight.steps.values(), default=float(flight.time[0])))
-    known = np.where(np.isfinite(values), values, np.nan)
-    draw_quantiles(all_axes[-1], flight.time, known - known[begin])
-    all_axes[-1].set_ylabel("change since step 1 (m)" if flight.steps else "change (m)")
-    figure.legend(*all_axes[-1].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    _time_axis(all_axes, flight)
-
-
-def _draw_many_anywhere(flight: Flight) -> Figure:
-    """Draws heights, ways from the start and places as shares of the drones, with the places of some as thin lines."""
-    from matplotlib.figure import Figure
-
-    places = np.stack([drone.position for drone in flight.drones if drone.position is not None], axis=1)
-    figure = Figure((WIDTH, 6.4), layout="constrained")
-    all_axes = list(figure.subplots(4, 1, sharex=True))
-    for axes, label, i in zip(all_axes, ("north (m)", "east (m)"), (0, 1), strict=False):
-        draw_quantiles(axes, flight.time, places[:, :, i], median=False)
-        drawn = _thin_lines(axes, flight, places[:, :, i], label, _SOME)
-    colour_bar(figure, drawn, all_axes[:2], "number of the drone")
-    draw_quantiles(all_axes[2], flight.time, -places[:, :, 2])
-    draw_quantiles(all_axes[3], flight.time, np.hypot(*np.moveaxis((places - places[0])[:, :, :2], 2, 0)))
-    all_axes[2].set_ylabel("height (m)")
-    all_axes[3].set_ylabel("from the start (m)")
-    all_axes[3].set_ylim(bottom=0.0, top=max(1.0, all_axes[3].get_ylim()[1]))
-    figure.legend(*all_axes[3].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    _time_axis(all_axes, flight, whole=True)
-    figure.align_ylabels(all_axes)
-    return figure
-
-
-_SOME, _LINES = 25, 80
-"""Lines on quantiles, which more would cover, and lines beside them, which more would merge."""
-
-
-def _thin_lines(axes: Axes, flight: Flight, values: Array, label: str, most: int = _LINES) -> Any:
-    axes.set_ylabel(label)
-    time = np.repeat(flight.time[:, None], values.shape[1], axis=1)
-    return draw_lines(axes, time, values, linewidth=0.5 if most > _SOME else 0.9, most=most)
 
 
 def draw_map(flight: Flight, reach: float | None = None) -> Figure | None:
@@ -140,6 +81,8 @@ def draw_map(flight: Flight, reach: float | None = None) -> Figure | None:
     north, east = (np.stack([position[:, i] for _, position in flown], axis=1) for i in (0, 1))
     size = np.array([np.ptp(east), np.ptp(north)])
     slim = size.min() < 0.15 * size.max()
+    if slim and len(flown) > LONG:
+        return draw_folded_map(flown, reach)
     height = 2.4 if slim and size[0] >= size[1] else 5.4
     figure = Figure((WIDTH, height), layout="constrained")
     axes = figure.subplots()
@@ -186,7 +129,7 @@ def _room(axes: Axes, size: Array, *, slim: bool) -> None:
     least = max(0.1 * float(size.max()), 2.0)
     for bounds, change in ((axes.get_ylim(), axes.set_ylim), (axes.get_xlim(), axes.set_xlim)):
         if bounds[1] - bounds[0] < least:
-            change(_around(0.5 * (bounds[0] + bounds[1]), least))
+            change(around(0.5 * (bounds[0] + bounds[1]), least))
 
 
 def _name_ends(figure: Figure, axes: Axes, ends: Sequence[tuple[str, float, float]]) -> None:
@@ -229,7 +172,7 @@ def draw_snapshots(flight: Flight) -> Figure | None:
     if not flown:
         return None
     if len(flown) > NAMED:
-        return _draw_scattered(flight, [(drone, position) for drone, position, _ in flown])
+        return draw_scattered(flight, [(drone, position) for drone, position, _ in flown])
     space = np.concatenate([position for _, position, _ in flown])[:, [1, 0, 2]] * (1.0, 1.0, -1.0)
     low, high = space.min(axis=0), space.max(axis=0)
     low[2] = min(low[2], 0.0)
@@ -237,7 +180,7 @@ def draw_snapshots(flight: Flight) -> Figure | None:
     middle = 0.5 * (low + high)
     figure = Figure((WIDTH, 2.5))
     figure.subplots_adjust(left=0.01, right=0.95, bottom=0.04, top=0.9, wspace=0.14)
-    for panel, (title, time) in enumerate(_moments(flight), start=1):
+    for panel, (title, time) in enumerate(moments(flight), start=1):
         axes: Any = figure.add_subplot(1, 3, panel, projection="3d")
         row = flight.row(time)
         for drone, position, colour in flown:
@@ -251,7 +194,7 @@ def draw_snapshots(flight: Flight) -> Figure | None:
             places = {short(drone.name): position[row, [1, 0, 2]] * (1.0, 1.0, -1.0) for drone, position, _ in flown}
             for names, place in together(places, size * (0.05, 0.05, 0.2)):
                 axes.text(place[0], place[1], place[2] + 0.07 * size[2], names, ha="center", va="bottom")
-        axes.set(xlim=_around(middle[0], size[0]), ylim=_around(middle[1], size[1]), zlim=(low[2], low[2] + size[2]))
+        axes.set(xlim=around(middle[0], size[0]), ylim=around(middle[1], size[1]), zlim=(low[2], low[2] + size[2]))
         axes.set_title(title, fontsize=8.0, y=0.98)
         for axis, label, pad in (
             (axes.xaxis, "east (m)", -5),
@@ -273,47 +216,6 @@ def draw_snapshots(flight: Flight) -> Figure | None:
         marks = [Line2D([], [], color="0.2", marker="o", linestyle="", markersize=4.5, label="actual")]
         marks += [Line2D([], [], color="0.2", marker="o", linestyle="", markersize=7.0, mfc="none", label="desired")]
         figure.legend(handles=marks, loc="upper right", ncols=2, handletextpad=0.1)
-    return figure
-
-
-def _draw_scattered(flight: Flight, flown: Sequence[tuple[Drone, Array]]) -> Figure:
-    """Draws very many drones as points at the start of three steps: from above, or a line of drones from its side."""
-    from matplotlib.figure import Figure
-
-    places = np.stack([position for _, position in flown], axis=1)
-    north, east, height = places[:, :, 0], places[:, :, 1], -places[:, :, 2]
-    size = np.array([np.ptp(east), np.ptp(north)])
-    wide, line = size[0] >= 3.0 * size[1], size[1] < 0.02 * size[0]
-    up, colour = (height, np.broadcast_to(np.arange(1, len(flown) + 1), height.shape)) if line else (north, height)
-    tall = (
-        (3.4 if line else 4.6) if wide else float(np.clip(0.75 + _PANEL * (size[1] + 1.0) / (size[0] + 1.0), 1.6, 3.6))
-    )
-    figure = Figure((WIDTH, tall), layout="constrained")
-    panels = figure.subplots(3, 1, sharex=True) if wide else figure.subplots(1, 3, sharey=True)
-    moments = _moments(flight)
-    rows = [flight.row(time) for _, time in moments]
-    low, high = float(colour[rows].min()), float(colour[rows].max())
-    if high - low < 1.0:  # smaller differences mean nothing
-        low = min(low, 0.0)
-        high = max(high, low + 1.0)
-    for axes, (title, _), row in zip(panels, moments, rows, strict=True):
-        spots = {"s": min(20.0, 150.0 / np.sqrt(len(flown))), "linewidths": 0.0, "rasterized": True}
-        drawn = axes.scatter(
-            east[row], up[row], c=colour[row], cmap="cividis" if line else "viridis", vmin=low, vmax=high, **spots
-        )
-        axes.set_title(title, fontsize=8.0)
-        axes.set(xlim=_around(0.5 * (east.min() + east.max()), 1.08 * size[0] + 1.0))
-        if line:
-            axes.set_ylim(min(0.0, float(up.min())) - 1.0, 1.15 * max(1.0, float(up.max())))
-        else:
-            axes.set_ylim(_around(0.5 * (north.min() + north.max()), 1.08 * size[1] + 1.0))
-        if not wide:
-            axes.set_aspect("equal")
-    for axes in panels if wide else panels[:1]:
-        axes.set_ylabel("height (m)" if line else "north (m)")
-    for axes in panels[-1:] if wide else panels:
-        axes.set_xlabel("east (m)")
-    colour_bar(figure, drawn, panels, "number of the drone" if line else "height (m)")
     return figure
 
 
@@ -357,7 +259,7 @@ def draw_errors(flight: Flight) -> Figure | None:
     least = 0.5 * float(np.nanmin(np.percentile(errors, 5, axis=0))) if many else 0.0  # below it, noise of a few
     axes.set_ylim(bottom=max(0.01, least, axes.get_ylim()[0]))
     axes.yaxis.set_major_formatter("{x:g}")
-    _time_axis([axes], flight)
+    time_axis([axes], flight)
     figure.legend(loc="outside upper center", ncols=3 if many else 4, columnspacing=1.2)
     return figure
 
@@ -387,7 +289,7 @@ def draw_altitude(flight: Flight) -> Figure | None:
         all_axes[1].plot(flight.time, nearest, color="black")
         all_axes[1].set_ylabel("smallest distance (m)")
         all_axes[1].set_ylim(0.0, 1.08 * max(float(np.nanmax(nearest)), 0.1))
-    _time_axis(all_axes, flight, whole=True)
+    time_axis(all_axes, flight, whole=True)
     figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=6)
     return figure
 
@@ -406,47 +308,3 @@ def _separation(positions: Sequence[Array]) -> Array:
             break
         np.minimum(least, np.sqrt(np.square(between).sum(axis=2)).min(axis=0), out=least)
     return least
-
-
-def _moments(flight: Flight) -> list[tuple[str, float]]:
-    """Returns the title and the time of the three snapshots."""
-    if not flight.steps:
-        first, last = float(flight.time[0]), float(flight.time[-1])
-        return [(f"t = {t:.1f} s", t) for t in (first, 0.5 * (first + last), last)]
-    numbers = sorted(flight.steps)
-    chosen = (
-        SNAPSHOTS if set(SNAPSHOTS) <= set(numbers) else (numbers[0], numbers[(len(numbers) - 1) // 2], numbers[-1])
-    )
-    ends = {k: _end_of_step(flight, k) for k in chosen}
-    return [(f"step #{k}, t = {ends[k]:.1f} s", ends[k]) for k in chosen]
-
-
-def _end_of_step(flight: Flight, k: int) -> float:
-    """Returns the last instant of a step, when drones have reached its targets and the next step has not begun."""
-    if k + 1 not in flight.steps:
-        return float(flight.time[-1])
-    return float(flight.time[max(0, int(np.searchsorted(flight.time, flight.steps[k + 1])) - 1)])
-
-
-def _time_axis(all_axes: Sequence[Axes], flight: Flight, *, whole: bool = False) -> None:
-    """Draws time in s below, and steps above; begins shortly before the first step unless the whole run is shown."""
-    first, last = float(flight.time[0]), float(flight.time[-1])
-    if flight.steps and not whole:
-        begin = min(flight.steps.values())
-        first = max(first, begin - 0.02 * (last - begin))
-    all_axes[-1].set_xlabel("time (s)")
-    if last > first:
-        all_axes[-1].set_xlim(first, last)
-    if flight.steps:
-        numbers = sorted(flight.steps)
-        every = 1
-        while len(numbers) > 20 * every:
-            every *= 2
-        shown = [k for k in numbers if (k - 1) % every == 0]
-        top = all_axes[0].secondary_xaxis("top")
-        top.set_xticks([flight.steps[k] for k in shown], [str(k) for k in shown])
-        top.set_xlabel("step")
-
-
-def _around(middle: float, size: float) -> tuple[float, float]:
-    return middle - 0.5 * size, middle + 0.5 * size

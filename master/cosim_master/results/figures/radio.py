@@ -16,21 +16,28 @@ __all__ = ["draw_latency", "draw_links"]
 
 _CELLS = 250
 """Rows of a matrix of very many nodes: several nodes share one."""
+_BAND = 12
+"""Largest difference of numbers of nodes in a band: the links of very many nodes that hear only their neighbours."""
 _WRITTEN = 12
 """Largest number of nodes whose cells contain numbers."""
 
 
 def draw_links(links: Links) -> Figure | None:
-    """Draws packets sent on each link, and the share of them that was lost; returns None without packets by radio."""
+    """Draws packets sent on each link, and the share of them that was lost; returns None without packets by radio.
+
+    Columns are receivers; if very many nodes hear only nodes with similar numbers, columns are the differences.
+    """
     from matplotlib.figure import Figure
 
     if not len(links.sent):
         return None
     n = len(links.nodes)
     group = -(-n // _CELLS)
-    sent = _matrix(links, links.sent, group)
+    widest = int(np.abs(links.target - links.source).max())
+    band = group > 1 and widest <= _BAND
+    sent = _matrix(links, links.sent, group, widest if band else None)
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = 100.0 * _matrix(links, links.lost, group) / sent
+        share = 100.0 * _matrix(links, links.lost, group, widest if band else None) / sent
     figure = Figure((WIDTH, 3.4), layout="constrained")
     panels = zip(figure.subplots(1, 2, sharey=True), (np.where(sent > 0, sent, np.nan), share), strict=True)
     for axes, values in panels:
@@ -41,9 +48,10 @@ def draw_links(links: Links) -> Figure | None:
             vmin=0.0,
             vmax=None if first else max(1.0, float(np.nanmax(share))),
             interpolation="nearest",
-            extent=(0.5, n + 0.5, n + 0.5, 0.5),
+            extent=(*((-widest - 0.5, widest + 0.5) if band else (0.5, n + 0.5)), n + 0.5, 0.5),
+            aspect="auto" if band else "equal",
         )
-        axes.set(xlabel="receiver", title="packets" if first else "lost (%)")
+        axes.set(xlabel="receiver - sender" if band else "receiver", title="packets" if first else "lost (%)")
         axes.title.set_fontsize(8.0)
         axes.grid(False)
         axes.set_facecolor("0.92")  # of pairs without a link: a share of 0 is nearly white
@@ -54,14 +62,17 @@ def draw_links(links: Links) -> Figure | None:
             _numbers(axes, values, image)
     figure.axes[0].set_ylabel("sender")
     if group > 1:
-        figure.supxlabel(f"one cell: {group} x {group} nodes", fontsize=7.0)
+        figure.supxlabel(f"one cell: {group} {'senders' if band else f'x {group} nodes'}", fontsize=7.0)
     return figure
 
 
-def _matrix(links: Links, values: Array, group: int) -> Array:
-    size = -(-len(links.nodes) // group)
-    flat = np.bincount((links.source // group) * size + links.target // group, weights=values, minlength=size * size)
-    return flat.reshape(size, size)
+def _matrix(links: Links, values: Array, group: int, widest: int | None) -> Array:
+    """Returns sums by groups of senders and of receivers; `widest`: by differences, receiver - sender, instead."""
+    rows = -(-len(links.nodes) // group)
+    columns = rows if widest is None else 2 * widest + 1
+    column = links.target // group if widest is None else links.target - links.source + widest
+    flat = np.bincount((links.source // group) * columns + column, weights=values, minlength=rows * columns)
+    return flat.reshape(rows, columns)
 
 
 def _ticks(axes: Any, nodes: tuple[str, ...]) -> None:

@@ -24,6 +24,7 @@ __all__ = [
     "NAMED",
     "STYLE",
     "WIDTH",
+    "around",
     "colour_bar",
     "colours",
     "draw_lines",
@@ -31,6 +32,7 @@ __all__ = [
     "label_ends",
     "plain",
     "short",
+    "some",
     "together",
 ]
 
@@ -81,7 +83,7 @@ def draw_quantiles(axes: Axes, time: Array, values: Array, *, median: bool = Tru
         values: (n, number of curves); NaN for missing values.
         median: draw the median, too; otherwise all is lighter, for other lines on it.
     """
-    rows = _some(len(time), _INSTANTS)
+    rows = some(len(time))
     known = values[rows]
     kept = np.isfinite(known).any(axis=1)
     rows, known = rows[kept], known[kept]
@@ -104,7 +106,7 @@ def draw_lines(axes: Axes, x: Array, y: Array, *, linewidth: float = 0.6, most: 
     """
     from matplotlib.collections import LineCollection
 
-    rows, chosen = _some(len(y), _INSTANTS), _some(y.shape[1], most)
+    rows, chosen = some(len(y)), some(y.shape[1], most)
     points = np.stack([x[rows][:, chosen].T, y[rows][:, chosen].T], axis=2)
     lines = LineCollection(list(points), cmap=_MAP, linewidths=linewidth, rasterized=True)
     lines.set_array(chosen + 1.0)
@@ -114,8 +116,14 @@ def draw_lines(axes: Axes, x: Array, y: Array, *, linewidth: float = 0.6, most: 
     return lines
 
 
-def _some(n: int, most: int) -> Any:
+def some(n: int, most: int = _INSTANTS) -> Any:
+    """Returns at most so many evenly chosen numbers below n, with the first and the last."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+
+
+def around(middle: float, size: float) -> tuple[float, float]:
+    """Returns the bounds of an axis."""
+    return middle - 0.5 * size, middle + 0.5 * size
 
 
 def colour_bar(figure: Figure, drawn: Any, axes: Any, label: str) -> None:
