@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.fidelity import Flight, along, fly, heading_of, parameters_of, preset_of, read
+from benchmarks.fidelity import along, fly, heading_of, parameters_of, preset_of
+from benchmarks.flights import Flight, read
 from benchmarks.report import machine, show, write
 from cosim_models.autopilot.ideal_autopilot import IdealAutopilot
 from cosim_models.vehicles.linear_quadrotor import LinearQuadrotor

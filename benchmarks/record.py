@@ -1,19 +1,22 @@
-"""Records moves of the user's ArduCopter in GUIDED, in the format that `benchmarks.fidelity` takes.
+"""Records flights of the user's ArduCopter, in the format that `benchmarks.fidelity` takes.
 
-ArduCopter, which the environment variable ARDUPILOT_SITL names, flies the body of the preset ardupilot_json: up to
-10 m, then one move after the other, each from where the last one ended. t = 0 is when its own log says it took the
-target; where it wanted to be before is from its log too. A move is NORTH,EAST,DOWN [m] from where it hovers, and, where
-it is not to be ArduCopter's own, @SPEED [m/s]: a DO_CHANGE_SPEED before the move.
+ArduCopter, which the environment variable ARDUPILOT_SITL names, flies each command in a run of its own: on the body of
+the preset ardupilot_json, or on its own physics (`--body x`; the program must lie in ArduPilot's source tree then).
+t = 0 is when its own log says that it took the command; what it desired is from its log too. A flight is either a name
+and the first line of a flight (`benchmarks.flights`), or a move NORTH,EAST,DOWN [m] from 10 m above home, where it is
+not to be ArduCopter's own speed with @SPEED [m/s]. `--list` is a JSON object of names and first lines.
 
-    ARDUPILOT_SITL=... python -m benchmarks.record FOLDER -- 7,0,0 30,0,0@5 -6,8,-3
+    ARDUPILOT_SITL=... python -m benchmarks.record FOLDER -- 7,0,0 30,0,0@5 'rtl={"mode": 6, "start": [20, 0, -10]}'
+    ARDUPILOT_SITL=... python -m benchmarks.record FOLDER --body x --list tests/data/arducopter/flights.json
 """
 
 from __future__ import annotations
 
 import argparse
+import gzip
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,54 +24,85 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.DFReader import DFReader_binary
 
-from tests.models.copter import ACCEPTED, GUIDED, preset
-from tests.models.real_copter import READY, H, RealCopter
+from benchmarks.flights import HEIGHT, approach, arm, kind_of, on_the_ground, perform, upload
+from benchmarks.own_physics import OwnPhysics
+from tests.models.copter import preset
+from tests.models.real_copter import READY, RealCopter
 
-HEIGHT, HOVER, DURATION = 10.0, 25.0, 20.0
-"""Height of the take-off [m]; time to come to rest in before the first move, and time of a move [s]."""
-LAST = 10.0
-"""Time [s] after the last move, in which its log comes to the disk."""
-EVERY = round(0.02 / H)
-"""Steps between rows of 50 Hz."""
-
-
-@dataclass(frozen=True, slots=True)
-class Move:
-    """A move as it is asked for: metres NED from where the copter hovers, and its speed [m/s; None: the default]."""
-
-    north: float
-    east: float
-    down: float
-    speed: float | None = None
-
-    @property
-    def name(self) -> str:
-        way = "_".join(f"{value:g}" for value in (self.north, self.east, self.down))
-        return f"json_{way}" if self.speed is None else f"json_{way}_at_{self.speed:g}"
+DURATION = 20.0
+"""Time [s] of a flight that says none."""
+LAST = 12.0
+"""Time [s] after the flight, in which its log comes to the disk."""
+ARMED = 1.5
+"""Time [s] between arming and a command on the ground."""
+RATE = 25.0
+"""Rows a second."""
+COLUMNS = "t,n,e,d,vn,ve,vd,yaw,des_n,des_e,des_d"
+_TYPES = ("SIM2", "SIM", "PSCN", "PSCE", "PSCD", "GUIP", "GUIA", "MODE", "MAVC", "PARM")
+_AUTO, _TAKE_OFF, _START, _ARM = 3, 22, 300, 400
 
 
-def parse(text: str) -> Move:
-    """NORTH,EAST,DOWN or NORTH,EAST,DOWN@SPEED."""
+def parse(text: str) -> tuple[str, dict[str, Any]]:
+    """Name and first line of NORTH,EAST,DOWN, NORTH,EAST,DOWN@SPEED, or NAME=HEAD."""
+    name, equals, given = text.partition("=")
+    if equals:
+        head: dict[str, Any] = json.loads(given)
+        return name, head
     way, _, speed = text.partition("@")
     north, east, down = map(float, way.split(","))
-    return Move(north, east, down, float(speed) if speed else None)
+    name = "_".join(f"{value:g}" for value in (north, east, down))
+    head = {"target": [north, east, down - HEIGHT], "start": [0.0, 0.0, -HEIGHT]}
+    return (f"{name}_at_{speed}", {**head, "speed": float(speed)}) if speed else (name, head)
 
 
-def logged(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """From ArduCopter's log: when it took targets [s], and rows of time and desired position [s, m NED]."""
-    (log,) = (folder / "logs").glob("*.BIN")
-    reader = DFReader_binary(str(log))
-    taken: list[float] = []
-    desired: dict[str, list[tuple[float, float]]] = {"PSCN": [], "PSCE": [], "PSCD": []}
-    while (message := reader.recv_match(type=["GUIP", *desired])) is not None:
-        kind, at = message.get_type(), message.TimeUS / 1e6
-        if kind == "GUIP":
-            taken.append(at)
+@dataclass(slots=True)
+class Log:
+    """What ArduCopter's log says: rows by type of message, time [s] first.
+
+    Raises:
+        ValueError: there is not one log in the folder.
+    """
+
+    folder: Path
+    rows: dict[str, list[tuple[Any, ...]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        logs = list((self.folder / "logs").glob("*.BIN"))
+        if len(logs) != 1:
+            raise ValueError(f"{self.folder}: {len(logs)} logs instead of one")
+        self.rows = {name: [] for name in _TYPES}
+        reader = DFReader_binary(str(logs[0]))
+        while (message := reader.recv_match(type=list(_TYPES))) is not None:
+            fields = [getattr(message, name) for name in message._fieldnames]
+            self.rows[message.get_type()].append((fields[0] / 1e6, *fields[1:]))
+
+    def columns(self, kind: str, time: NDArray[np.float64], *which: int) -> NDArray[np.float64]:
+        """Columns of a type of message at the given times."""
+        table = np.array([[row[0], *(row[i] for i in which)] for row in self.rows[kind]], dtype=np.float64)
+        return np.column_stack([np.interp(time, table[:, 0], table[:, i + 1]) for i in range(len(which))])
+
+    def taken(self, head: dict[str, Any], sent: float, last: bool = False) -> float:
+        """When [s] it took the command that was sent at `sent`, for the first or the last time."""
+        kind = kind_of(head)
+        if kind == "set-point" and head["type"] == 6:
+            times = [row[0] for row in self.rows["GUIA"]]
+        elif kind in ("set-point", "move"):
+            times = [row[0] for row in self.rows["GUIP"]]
+        elif kind == "mode" or (kind == "mission" and not on_the_ground(head)):
+            wanted = head.get("mode", _AUTO)
+            times = [row[0] for row in self.rows["MODE"] if row[2] == wanted]
+        elif kind == "failure":
+            times = [row[0] for row in self.rows["PARM"] if row[1] in head["set"]]
         else:
-            desired[kind].append((at, getattr(message, f"DP{kind[-1]}")))
-    time = np.array([at for at, _ in desired["PSCN"]])
-    columns = [np.interp(time, *np.array(desired[kind]).T) for kind in desired]
-    return np.array(taken), np.column_stack([time, *columns])
+            wanted = _TAKE_OFF if kind == "take-off" else _START
+            times = [row[0] for row in self.rows["MAVC"] if row[6] == wanted]
+        found = [t for t in times if t > sent - 0.3]
+        if not found:
+            raise ValueError(f"ArduCopter's log has no {kind} after {sent:g} s")
+        return float(found[-1 if last else 0])
+
+    def armed(self) -> float:
+        return float(next(row[0] for row in self.rows["MAVC"] if row[6] == _ARM))
 
 
 def heading(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -78,51 +112,67 @@ def heading(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     return found
 
 
-def write(path: Path, head: dict[str, Any], rows: NDArray[np.float64], desired: NDArray[np.float64]) -> None:
-    """One flight; `rows` from t = 0 on."""
-    wanted = [np.interp(rows[:, 0], desired[:, 0], desired[:, i]) for i in (1, 2, 3)]
-    table = np.column_stack([rows[:, 0] - rows[0, 0], rows[:, 1:7], heading(rows[:, 7:11]), *wanted])
-    columns = "t,n,e,d,vn,ve,vd,yaw,des_n,des_e,des_d"
-    lines = [f"# {json.dumps(head)}", columns, *(",".join(f"{x:.5f}" for x in row) for row in table)]
-    path.write_text("\n".join(lines) + "\n")
+def write(path: Path, head: dict[str, Any], rows: NDArray[np.float64]) -> None:
+    """One flight; `rows` have the columns of `COLUMNS`."""
+    lines = [f"# {json.dumps(head)}", COLUMNS, *(",".join(f"{x:.3f}" for x in row) for row in rows)]
+    path.write_bytes(gzip.compress(("\n".join(lines) + "\n").encode(), mtime=0))
 
 
-def record(folder: Path, moves: Sequence[Move]) -> None:
-    """Fly the moves and write a file for each."""
-    copter = RealCopter(folder / "arducopter", preset("ardupilot_json"))
+def flown(log: Log, truth: NDArray[np.float64] | None, begin: float, duration: float) -> NDArray[np.float64]:
+    """Rows from `begin` on: of the motion (time, position, velocity, attitude), or of the log where that is None."""
+    time = begin + np.arange(0.0, duration, 1.0 / RATE)
+    if truth is not None:
+        motion = np.column_stack([np.interp(time, truth[:, 0], truth[:, i]) for i in range(1, 7)])
+        yaw = np.interp(time, truth[:, 0], np.unwrap(heading(truth[:, 7:11]), period=360.0))
+    else:
+        motion = log.columns("SIM2", time, 1, 2, 3, 4, 5, 6)
+        turned = np.array([(row[0], row[3]) for row in log.rows["SIM"]])
+        yaw = np.interp(time, turned[:, 0], np.unwrap(turned[:, 1], period=360.0))
+    desired = [log.columns(kind, time, 2)[:, 0] for kind in ("PSCN", "PSCE", "PSCD")]
+    return np.column_stack([time - begin, motion, yaw, *desired])
+
+
+def record(folder: Path, name: str, body: str, head: dict[str, Any]) -> Path:
+    """Flies one command and writes its file; returns it."""
+    place = folder / f"{body}_{name}"
+    given = head.get("parameters", {})
+    copter: Any = (
+        OwnPhysics(place, given) if body == "x" else RealCopter(place, preset("ardupilot_json"), given, instance=231)
+    )
+    duration = float(head.get("duration", DURATION))
     try:
         copter.run(READY)
-        for command in ((176, 1, GUIDED), (400, 1), (22, 0, 0, 0, 0, 0, 0, HEIGHT)):
-            answers = copter.ask(*command)
-            if ("ACK", command[0], ACCEPTED) not in answers:
-                raise RuntimeError(f"ArduCopter has answered command {command[0]} with {answers}")
-        rows = [copter.run(HOVER)]
-        target = np.array([0.0, 0.0, -HEIGHT])
-        heads: list[dict[str, Any]] = []
-        for move in moves:
-            target = target + np.array([move.north, move.east, move.down])
-            if move.speed is not None:
-                copter.ask(178, 1, move.speed, -1)
-            heads.append({"target": target.tolist(), "sent": copter.time, "speed": move.speed})
-            copter.go(*target)
-            rows.append(copter.run(DURATION))
-        rows.append(copter.run(LAST))
+        if on_the_ground(head) and "mission" in head:
+            upload(copter, head["mission"])
+        arm(copter)
+        copter.run(head.get("armed", ARMED))
+        if not on_the_ground(head):
+            approach(copter, head)
+        sent = copter.time
+        truth = perform(copter, head, duration)
+        copter.run(LAST)
     finally:
         copter.close()
-    taken, desired = logged(folder / "arducopter")
-    flown = np.concatenate(rows)
-    for move, head in zip(moves, heads, strict=True):
-        began = taken[np.searchsorted(taken, head["sent"])]
-        first = int(np.searchsorted(flown[:, 0], began))
-        write(folder / f"{move.name}.csv", head, flown[first : first + round((DURATION - 0.1) / H) : EVERY], desired)
+    log = Log(place)
+    begin = log.taken(head, sent)
+    head = {**head, "armed": round(begin - log.armed(), 4)} if on_the_ground(head) else head
+    if "lasts" in head:
+        head = {**head, "lasts": round(log.taken(head, sent, last=True) - begin, 4)}
+    file = folder / f"{body}_{name}.csv.gz"
+    write(file, head, flown(log, truth, begin, duration - 0.5))
+    return file
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).split("\n", 1)[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("moves", nargs="+", type=parse)
-    options = parser.parse_args(arguments)
-    record(options.folder, options.moves)
+    parser.add_argument("flights", nargs="*", type=parse)
+    parser.add_argument("--body", choices=("json", "x"), default="json")
+    parser.add_argument("--list", type=Path)
+    options = parser.parse_intermixed_args(arguments)
+    flights = dict(options.flights) if options.list is None else json.loads(options.list.read_text())
+    for name, head in flights.items():
+        print(record(options.folder, name, options.body, head))
 
 
 if __name__ == "__main__":

@@ -39,7 +39,13 @@ LINES = ("telemetry", "serial")
 MOTION = ("position", "velocity", "attitude", "angular_velocity", "specific_force")
 RECORDINGS = Path(__file__).parents[1] / "data" / "arducopter"
 PRESETS = Path(quadrotor.__file__).parent / "presets"
-RECORDED_AUTOPILOT = {"MOT_THST_HOVER": 0.39, "ATC_RAT_YAW_P": 0.3, "ATC_RAT_YAW_I": 0.02}
+RECORDED_AUTOPILOT = {
+    "MOT_THST_HOVER": 0.39,
+    "ATC_RAT_YAW_P": 0.3,
+    "ATC_RAT_YAW_I": 0.02,
+    "MOT_BAT_VOLT_MAX": 12.8,
+    "MOT_BAT_VOLT_MIN": 9.6,
+}
 """What differed from ArduCopter's defaults in the recorded flights."""
 
 
@@ -60,7 +66,15 @@ def preset(name: str) -> dict[str, Any]:
     for (value,) in root[0]:
         kind, text = etree.QName(value).localname, value.get("value")
         key = value.getparent().get("name")
-        found[key] = int(text) if kind == "Integer" else MotorCurve[text] if kind == "Enumeration" else float(text)
+        found[key] = (
+            text == "true"
+            if kind == "Boolean"
+            else int(text)
+            if kind == "Integer"
+            else MotorCurve[text]
+            if kind == "Enumeration"
+            else float(text)
+        )
     return found
 
 
@@ -89,6 +103,8 @@ class Copter:
     autopilot: dict[str, Any] = field(default_factory=dict)
     vehicle: dict[str, Any] = field(default_factory=dict)
     system: int = 1
+    direct: bool = False
+    """Whether the motors obey in the step in which the autopilot commands them, as with the master "gauss-seidel"."""
 
     def __post_init__(self) -> None:
         self.v, self.m = self.vehicle_model.record(), Autopilot.record()
@@ -160,7 +176,7 @@ class Copter:
                 self.waiting_at[line] = b""
         assert self.advance_autopilot(m, t, H) == 0
         m["mavlink_rx_len"] = m["telemetry_rx_len"] = m["serial_rx_len"] = 0
-        self._commands[:] = command
+        self._commands[:] = m["motor"] if self.direct else command
         assert self.advance_vehicle(self.v, t, H) == 0
         used = int(m["mavlink_tx_len"])
         if used:

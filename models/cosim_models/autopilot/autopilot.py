@@ -146,6 +146,8 @@ def start(m: Any) -> int:
     m.throttle_hover = m.MOT_THST_HOVER
     m.throttle_mix = m.ATC_THR_MIX_MIN
     m.air_density = air_density_ratio(m.origin_altitude)
+    m.lift = m.air_density
+    m.voltage_share = 1.0
     m.mission_count = 1
     set_limits(m, 0.01 * m.WPNAV_SPEED, 0.01 * m.WPNAV_SPEED_UP, 0.01 * m.WPNAV_SPEED_DN)
     initialise_ne(m)

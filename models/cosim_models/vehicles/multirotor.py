@@ -175,6 +175,12 @@ _BODY_PARAMETERS = (
     Parameter("linear_drag", unit="N.s/m", start=0.0, minimum=0.0, description="body drag over air speed"),
     Parameter("quadratic_drag", unit="N.s2/m2", start=0.0, minimum=0.0, description="body drag over air speed squared"),
     Parameter(
+        "drag_by_axis",
+        type=bool,
+        start=False,
+        description="quadratic_drag acts on each axis of the body by its own air speed, as in ArduPilot's simulation",
+    ),
+    Parameter(
         "rotational_damping",
         shape=3,
         unit="N.m.s/rad",

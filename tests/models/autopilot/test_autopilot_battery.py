@@ -181,3 +181,17 @@ def test_a_landing_that_a_failsafe_begins_waits_four_seconds() -> None:
     assert abs(flight[-1, 3] - flight[0, 3]) < 0.1
     flight = copter.run(3.0)
     assert flight[-1, 6] == pytest.approx(0.5, abs=0.1)
+
+
+def test_commands_rise_when_the_voltage_falls() -> None:
+    """By ArduCopter's LiftMax: 0.9744 at 12.6 of 12.8 V, as its log has it; MOT_BAT_VOLT_MIN bounds it."""
+    hover = float(Copter().in_the_air(5.0, 15.0).m["throttle_in"])
+    copter = Copter(autopilot={"MOT_BAT_VOLT_MAX": 12.8, "MOT_BAT_VOLT_MIN": 9.6}).in_the_air(5.0, 15.0)
+    assert float(copter.m["throttle_in"]) == pytest.approx(0.9744 * hover, rel=2e-3)
+    copter.m["SIM_BATT_VOLTAGE"] = 9.0
+    copter.run(12.0)
+    assert float(copter.m["throttle_in"]) == pytest.approx(0.75 * (0.35 + 0.65 * 0.75) * hover, rel=5e-3)
+    assert float(copter.v["position"][2]) == pytest.approx(-5.0, abs=0.05)
+    copter.m["SIM_BATT_VOLTAGE"] = 2.0  # below a quarter of the least: not measured
+    copter.run(12.0)
+    assert float(copter.m["throttle_in"]) == pytest.approx(hover, rel=5e-3)

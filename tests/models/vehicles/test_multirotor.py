@@ -121,6 +121,16 @@ def test_terminal_speed_with_quadratic_drag() -> None:
     assert m.velocity[2] == pytest.approx(speed, rel=1e-6)
 
 
+def test_terminal_speed_with_drag_by_axis() -> None:
+    """Rolled by 45 degrees, each of two axes has half of the squared speed, and its force is at 45 degrees."""
+    m = vehicle(quadratic_drag=0.05, drag_by_axis=True)
+    m.attitude[:] = (math.cos(math.pi / 8), math.sin(math.pi / 8), 0.0, 0.0)
+    speed = math.sqrt(math.sqrt(2.0) * m.mass * G / 0.05)
+    run(m, 1.5)
+    assert m.velocity[2] == pytest.approx(speed * math.tanh(G * 1.5 / speed), rel=1e-9)
+    assert m.velocity[:2] == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
 def test_thrust_falls_linearly_with_axial_speed() -> None:
     """m dv/dt = m g (1 - (1 - |v| / 25)) has the solution v0 exp(g t / 25): climbing, the hover thrust is short."""
     m = hovering(rotor_drag=0.0, rolling_moment=0.0, rotor_x=0.0, rotor_y=0.0)

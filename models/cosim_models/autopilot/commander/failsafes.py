@@ -29,6 +29,7 @@ from cosim_models.autopilot.commander.battery import CRITICAL_CHARGE, drain, new
 from cosim_models.autopilot.commander.checks import watch_flight
 from cosim_models.autopilot.commander.sensors import watch_sensors
 from cosim_models.autopilot.commander.switches import watch_switches
+from cosim_models.autopilot.control.motors import update_lift
 from cosim_models.autopilot.flight.modes import set_mode
 from cosim_models.autopilot.flight.returning.breadcrumbs import forget_path, record_path
 from cosim_models.autopilot.flight.state import disarm, landed_state, position_ready
@@ -165,6 +166,7 @@ def _beyond(m: Any) -> tuple[float, float, float]:
 @kernel
 def _watch_battery(m: Any, t: float) -> None:
     drain(m, _PERIOD)
+    update_lift(m, _PERIOD)
     alarm = new_alarm(m, t)
     if alarm == 0:
         return

@@ -33,6 +33,7 @@ __all__ = [
     "learn_hover_throttle",
     "mix_towards",
     "run_motors",
+    "update_lift",
 ]
 
 SHUT_DOWN, GROUND_IDLE, SPOOLING_UP, THROTTLE_UNLIMITED, SPOOLING_DOWN = 0, 1, 2, 3, 4
@@ -48,6 +49,25 @@ def air_density_ratio(altitude: float) -> float:
     atmosphere.
     """
     return clip((1.0 - 2.25577e-5 * clip(altitude, -1000.0, 11000.0)) ** 4.25588, 0.5, 1.25)
+
+
+@kernel
+def update_lift(m: Any, dt: float) -> None:
+    """Updates m.lift, by which commands are divided: that of the air, and of the battery's voltage by MOT_BAT_VOLT_MAX.
+
+    Called at steps of dt; the voltage is that at rest, filtered at 0.5 Hz.
+    """
+    most, least = m.MOT_BAT_VOLT_MAX, m.MOT_BAT_VOLT_MIN
+    if most <= 0.0 or least >= most or m.battery_voltage < 0.25 * least:
+        m.voltage_share = 1.0
+        m.lift = m.air_density
+        return
+    voltage = m.battery_voltage
+    if m.SIM_BATT_CAP_AH > 0.0:
+        voltage += m.battery_resistance * m.battery_current
+    share = clip(voltage, max(least, 0.6 * most), most) / most
+    m.voltage_share += lowpass_alpha(dt, 0.5) * (share - m.voltage_share)
+    m.lift = m.air_density * m.voltage_share * (1.0 - m.MOT_THST_EXPO + m.MOT_THST_EXPO * m.voltage_share)
 
 
 @kernel
@@ -126,7 +146,7 @@ def run_motors(m: Any, dt: float) -> None:
     """Computes m.motor from m.torque and the throttle command, and records saturation."""
     _filter_throttle(m, dt)
     _spool(m, dt)
-    gain = 1.0 / m.air_density
+    gain = 1.0 / m.lift
     limits, average = mix(
         m.factors,
         m.motor_count,

@@ -28,7 +28,7 @@ from cosim_models.autopilot.mission.fences import (
 
 __all__ = ["avoids", "slow_at_fences", "slow_at_heights"]
 
-_ACCEL_MAX = 3.0  # m/s2, of the braking
+_ACCEL_MAX = 1.0  # m/s2, of the braking
 _AT_FENCES = 1  # AVOID_ENABLE
 
 

@@ -41,7 +41,7 @@ from cosim_models.autopilot.control.shaping import clip, sqrt_controller
 from cosim_models.autopilot.flight.angles import run_angle
 from cosim_models.autopilot.flight.avoidance import avoids, slow_at_fences, slow_at_heights
 from cosim_models.autopilot.flight.state import disarm
-from cosim_models.autopilot.flight.waypoints import fly_leg, set_leg, start_legs
+from cosim_models.autopilot.flight.waypoints import add_leg, fly_leg, set_leg, start_legs
 from cosim_models.autopilot.flight.yaw import (
     default_nose,
     hold_heading,
@@ -254,6 +254,7 @@ def start_rtl(m: Any) -> None:
     start_legs(m)
     g = m.guided_position_neu
     set_leg(m, g[0], g[1], m.home_neu[2] + _return_height(m, n, e, height))
+    add_leg(m, n, e, g[2])
 
 
 @kernel

@@ -251,6 +251,8 @@ MOTOR_PARAMETERS = (
     *_rare(
         _real("MOT_PWM_MIN", "us", 1000.0, "pulse of a stopped motor in SERVO_OUTPUT_RAW"),
         _real("MOT_PWM_MAX", "us", 2000.0, "pulse of a motor at full command"),
+        _real("MOT_BAT_VOLT_MAX", "V", 0.0, "voltage at which commands are not raised; 0: voltage does not count", 0.0),
+        _real("MOT_BAT_VOLT_MIN", "V", 0.0, "voltage below which commands are not raised further", 0.0),
     ),
     _real("MOT_THST_EXPO", "1", 0.65, "curve of thrust over command: 0 linear, 1 quadratic"),
     _real("MOT_THST_HOVER", "1", 0.35, "initial hover throttle"),

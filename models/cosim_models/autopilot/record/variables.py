@@ -70,7 +70,7 @@ MEMORY = (
     State("motor_count", type=int, description="motors that the mixer drives"),
     Memory("factors", shape=(MAX_MOTORS, 3)),
     Memory("thrust", shape=MAX_MOTORS),
-    Memory("air_density"),  # relative to sea level
+    Memory("lift"),  # of a command: air density relative to sea level, and voltage
     Memory("spool_state", dtype="i4"),
     Memory("spool_wanted", dtype="i4"),
     Memory("spin_up"),
@@ -264,6 +264,8 @@ MEMORY = (
     State("battery_current", unit="A", description="current of the battery"),
     State("battery_used", unit="1", description="used charge in mAh"),
     State("battery_energy", unit="J", description="used energy"),
+    Memory("air_density", rare=True),  # relative to sea level
+    Memory("voltage_share", rare=True),  # of MOT_BAT_VOLT_MAX, filtered
     Memory("battery_since", shape=2, rare=True),  # start of low and critical voltage; -1: not low
     State("battery_alarm", type=int, description="battery alarm: 1 low, 2 critical"),
     State("fence_breach", type=int, description="breached fences, bits of FENCE_TYPE"),

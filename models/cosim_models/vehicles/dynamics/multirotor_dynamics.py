@@ -87,7 +87,12 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
         my += t[1] + z * f[0] - x * f[2]
         mz += t[2] + x * f[1] - y * f[0]
     drag = float(m.linear_drag)
-    if m.quadratic_drag > 0.0:
+    if m.drag_by_axis:
+        own = float(m.quadratic_drag)
+        fx -= own * abs(air[0]) * air[0]
+        fy -= own * abs(air[1]) * air[1]
+        fz -= own * abs(air[2]) * air[2]
+    elif m.quadratic_drag > 0.0:
         drag += m.quadratic_drag * sqrt(air[0] * air[0] + air[1] * air[1] + air[2] * air[2])
     force = (fx - drag * air[0], fy - drag * air[1], fz - drag * air[2])
     damping = load(m.rotational_damping)
