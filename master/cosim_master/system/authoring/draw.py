@@ -37,6 +37,8 @@ _STYLE = (
     ".radio{fill:#e8f0f8;stroke:#0072b2}.wire{fill:none;stroke:#557;stroke-width:1.2}"
     ".air{fill:none;stroke:#0072b2;stroke-dasharray:4 3}"
 )
+_UNITS = {"latency": "s", "jitter": "s", "range": "m"}
+"""Of settings of the radio that nearly every system has."""
 _Point: TypeAlias = tuple[float, float]
 
 
@@ -95,9 +97,15 @@ def _radio(system: System) -> str:
     for one in system.annotations:
         if one.type == NETWORK:
             element = next((child for child in one.element if isinstance(child.tag, str)), None)
-            given = [] if element is None else [f"{name} {element.get(name)}" for name in map(str, element.attrib)]
+            given = [] if element is None else [_setting(element, name) for name in map(str, element.attrib)]
+            links = 0 if element is None else sum(1 for _ in element.iterchildren("{*}link"))
+            given += [f"{links} link{'s' if links > 1 else ''}"] if links else []
             return ": ".join(["radio", ", ".join(given)]) if given else "radio"
     return ""
+
+
+def _setting(element: etree._Element, name: str) -> str:
+    return " ".join(filter(None, (name, element.get(name), _UNITS.get(name))))
 
 
 def _draw_radio(root: etree._Element, text: str, box: _Box) -> None:

@@ -205,12 +205,24 @@ def test_equal_parts_are_drawn_once_with_their_number(workshop: Any, variable: A
     assert float(drawing.root.get("height")) < 600
 
 
+def test_the_radio_counts_its_links(workshop: Any, variable: Any) -> None:
+    workshop.fmu("unit.fmu", variable("u"), variable("y", "output"))
+    parts = "".join(workshop.component(f"d{i}", "unit.fmu", "u:input y:output") for i in range(1, 4))
+    links = '<link between="d1 d2"/><link between="d2 d3" loss="0.1"/>'
+    radio = f'<network xmlns="https://uav-cosim.org/ns/1" topology="listed" range="300">{links}</network>'
+    annotation = workshop.annotation("org.uav-cosim.network", radio)
+    drawing = Drawing(workshop.ssd("listed.ssd", workshop.system(parts, after=annotation)))
+    texts = [text.text or "" for text in drawing.root.iter(f"{SVG}text")]
+    assert "radio: topology listed, range 300 m, 2 links" in texts
+
+
 def test_the_radio_is_below_the_system(tmp_path: Path) -> None:
     system = Path(__file__).parents[4] / "master" / "systems" / "line5"
     drawing = Drawing(system)
     (radio,) = (one for one in drawing.root.iter(f"{SVG}rect") if one.get("class") == "radio")
     texts = [text.text or "" for text in drawing.root.iter(f"{SVG}text")]
-    assert any(text.startswith("radio: ") and "topology nearest" in text for text in texts)
+    (said,) = (text for text in texts if text.startswith("radio: "))
+    assert "topology nearest" in said and "latency 0.02 s, seed 1" in said and "link" not in said
     box = drawing.box("line5")
     assert float(radio.get("y")) > box[1] + box[3]
     assert "drone1, drone2, ..., drone5 (x 5)" in texts and "Quadrotor.fmu" in texts
