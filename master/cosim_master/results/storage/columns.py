@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +26,7 @@ _ARROW = {"Real": pa.float64(), "Integer": pa.int32(), "Boolean": pa.bool_(), "S
 _WIDE = {"UInt32": pa.uint32(), "Int64": pa.int64(), "UInt64": pa.uint64()}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Columns:
     """The columns of a recording.
 
@@ -38,7 +40,11 @@ class Columns:
 
     def count(self, *types: pa.DataType) -> int:
         """Returns the number of signals that have one of these types."""
-        return sum(field.type in types for field in list(self.schema)[1:])
+        return sum(self._numbers[one] for one in types)
+
+    @cached_property
+    def _numbers(self) -> Counter[pa.DataType]:
+        return Counter(self.schema.types[1:])
 
     @property
     def widths(self) -> tuple[int, int, int]:
