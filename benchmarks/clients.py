@@ -28,7 +28,7 @@ from benchmarks.report import machine, section, show, write
 HERE = Path(__file__).parent
 RECORDED = HERE / "clients.json"
 CLIENTS = ("mavsdk", "mavproxy")
-PACE = 1.5
+PACE = 2.0
 """Simulated seconds per second of both vehicles."""
 LIMIT = 1500.0
 """Seconds for all calls of a client."""
@@ -121,7 +121,7 @@ def called(client: str, folder: Path, port: int) -> dict[str, str]:
             (folder / name).write_text("\n".join(lines) + "\n")
         command = [sys.executable, "-m", "MAVProxy.mavproxy", "--master", f"udpin:{listens}", "--daemon"]
         command += ["--non-interactive", "--state-basedir", str(folder)]
-        command += ["--load-module", "gimbal,messagerate,message,setpos,mavproxy_calls"]
+        command += ["--load-module", "gimbal,messagerate,message,mavproxy_calls"]
         paths = os.pathsep.join(filter(None, (str(HERE), environment.get("PYTHONPATH", ""))))
         environment |= {"HOME": str(folder), "PYTHONPATH": paths}
         environment |= {"MAVPROXY_FOLDER": str(folder), "MAVPROXY_OUTCOMES": str(outcomes)}

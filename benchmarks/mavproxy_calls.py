@@ -99,6 +99,57 @@ gimbal roi -35.3632 149.1653 10
 gimbal roivel 1 0 0
 terrain status
 terrain check -35.363262 149.165237
+"""
+FLIGHT = """
+mode GUIDED
+arm throttle
+takeoff 10
+height > 9 | guided -35.3632 149.1653 40
+height > 39 | setspeed 3
+setyaw 90 10 0
+velocity 1 0 0
+position 0 5 0
+attitude 1 0 0 0 0.5
+posvel -35.3632 149.1653 40 0 0 0
+guided 40
+guided forward 3
+changealt 41
+motortest 1 0 5 1 0
+log list
+disarm
+gyrocal
+wp list
+fence load FOLDER/fence
+fence enable
+fence disable
+fence clear
+mode AUTO
+pause
+resume
+wp set 3
+mode CIRCLE
+mode GUIDED
+mode BRAKE
+mode FLIP
+mode AUTOTUNE
+mode THROW
+mode ZIGZAG
+mode GUIDED
+mode ALT_HOLD
+mode GUIDED
+mode LOITER
+mode GUIDED
+long MAV_CMD_DO_SET_MODE 1 9
+mode SMART_RTL
+mode GUIDED
+mode RTL
+rtl
+land
+not armed | arm throttle
+mode GUIDED
+mode STABILIZE
+"""
+LATER = """
 ground
 level
 calpress
@@ -153,56 +204,6 @@ arm throttle
 disarm
 arm throttle force
 disarm force
-"""
-FLIGHT = """
-mode GUIDED
-arm throttle
-takeoff 10
-height > 9 | guided -35.3632 149.1653 12
-height > 11.5 | setspeed 3
-setyaw 90 10 0
-velocity 1 0 0
-position 0 5 0
-attitude 1 0 0 0 0.5
-posvel -35.3632 149.1653 10 0 0 0
-setpos 1 0 0 0
-hop 1 0 0
-guided 10
-guided forward 3
-changealt 14
-parachute enable
-motortest 1 0 5 1 0
-log list
-disarm
-gyrocal
-wp list
-fence load FOLDER/fence
-fence enable
-fence disable
-fence clear
-mode AUTO
-pause
-resume
-wp set 3
-mode CIRCLE
-mode BRAKE
-mode FLIP
-mode AUTOTUNE
-mode THROW
-mode ZIGZAG
-mode ACRO
-mode ALT_HOLD
-mode LOITER
-mode GUIDED
-long MAV_CMD_DO_SET_MODE 1 9
-mode SMART_RTL
-mode GUIDED
-mode RTL
-rtl
-land
-not armed | arm throttle
-mode GUIDED
-mode STABILIZE
 reboot
 """
 
@@ -213,7 +214,7 @@ class Calls(mp_module.MPModule):  # type: ignore[misc]
     def __init__(self, mpstate: Any) -> None:
         super().__init__(mpstate, "mavproxy_calls", "common commands of all modules")
         folder = os.environ["MAVPROXY_FOLDER"]
-        self.lines = [line.replace("FOLDER", folder) for line in (GROUND + FLIGHT).splitlines() if line]
+        self.lines = [line.replace("FOLDER", folder) for line in (GROUND + FLIGHT + LATER).splitlines() if line]
         self.file = Path(os.environ["MAVPROXY_OUTCOMES"])
         self.seen: dict[str, Any] = {"mode": "", "armed": False, "height": 0.0, "ready": 0}
         self.since, self.command = time.monotonic(), ""

@@ -207,6 +207,30 @@ def test_a_mission_is_flown(copter: Copter) -> None:
     assert copter.m["mode"] == AUTO
 
 
+def test_a_takeoff_below_the_vehicle_is_done_at_once(copter: Copter) -> None:
+    """As in ArduCopter, which never descends for a take-off."""
+    copter.in_the_air(15.0, 16.0)
+    upload(
+        copter,
+        HOME,
+        item(1, mavlink.MAV_CMD_NAV_TAKEOFF, z=5.0),
+        item(2, mavlink.MAV_CMD_NAV_WAYPOINT, north=8.0, z=15.0),
+    )
+    copter.answers()
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)
+    flight = copter.run(3.0)
+    assert "Mission: 2 WP" in [m.text for m in copter.messages("STATUSTEXT")]
+    assert -flight[:, 3].max() > 14.8
+
+
+def test_a_takeoff_climbs_at_least_a_metre(copter: Copter) -> None:
+    upload(copter, HOME, item(1, mavlink.MAV_CMD_NAV_TAKEOFF, z=0.2), item(2, mavlink.MAV_CMD_NAV_LOITER_UNLIM))
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    copter.ask(mavlink.MAV_CMD_MISSION_START)
+    assert -copter.run(9.0)[-1, 3] == pytest.approx(1.0, abs=0.15)
+
+
 def test_a_jump_is_taken_as_often_as_it_says() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     copter.heard.clear()

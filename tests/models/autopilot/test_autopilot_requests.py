@@ -253,7 +253,27 @@ def test_a_parachute_is_not_released_on_the_ground() -> None:
     assert copter.ask(release, 2) == [("ACK", release, ACCEPTED)]
     assert copter.ask(release, 1) == [("ACK", release, ACCEPTED)]
     assert copter.ask(release, 2) == [("ACK", release, ACCEPTED), ("TEXT", 6, "Parachute: Landed")]
+    copter.run(1.0)
+    assert copter.ask(400, 1) == [("ACK", 400, FAILED), ("TEXT", 2, "Arm: Chute has no relay")]
     assert copter.ask(release, 0) == copter.ask(release, 2) == [("ACK", release, ACCEPTED)]
+
+
+@pytest.mark.parametrize(
+    ("command", "parameters", "result"),
+    [
+        (mavlink.MAV_CMD_SCRIPTING, (0,), DENIED),
+        (mavlink.MAV_CMD_SCRIPTING, (2,), ACCEPTED),
+        (mavlink.MAV_CMD_SCRIPTING, (3,), ACCEPTED),
+        (mavlink.MAV_CMD_SCRIPTING, (4,), mavlink.MAV_RESULT_UNSUPPORTED),
+        (mavlink.MAV_CMD_STORAGE_FORMAT, (1, 1), FAILED),
+        (mavlink.MAV_CMD_STORAGE_FORMAT, (1, 0), mavlink.MAV_RESULT_UNSUPPORTED),
+        (mavlink.MAV_CMD_AIRFRAME_CONFIGURATION, (-1, 1), ACCEPTED),
+    ],
+)
+def test_scripts_cards_and_gears(command: int, parameters: tuple[int, ...], result: int) -> None:
+    copter = Copter()
+    copter.run(2.1)
+    assert copter.ask(command, *parameters) == [("ACK", command, result)]
 
 
 def test_unknown_frames_are_named() -> None:

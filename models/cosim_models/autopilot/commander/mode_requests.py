@@ -32,6 +32,7 @@ from cosim_models.autopilot.link.statustext import (
     AHRS_TYPE,
     ARM_BATTERY_FAILSAFE,
     ARM_CHARGE,
+    ARM_CHUTE,
     ARM_CIRCLE,
     ARM_MISSION,
     ARM_NEEDS_POSITION,
@@ -76,6 +77,7 @@ from cosim_models.autopilot.link.statustext import (
     PREARM_ATTITUDE,
     PREARM_BATTERY_FAILSAFE,
     PREARM_CHARGE,
+    PREARM_CHUTE,
     PREARM_CIRCLE,
     PREARM_HOME,
     PREARM_MISSION,
@@ -342,6 +344,8 @@ def check_arming(m: Any, before: bool, t: float) -> bool:
         return _refuse(m, before, ARM_CHARGE, PREARM_CHARGE)
     if m.battery_alarm != 0:
         return _refuse(m, before, ARM_BATTERY_FAILSAFE, PREARM_BATTERY_FAILSAFE)
+    if m.parachute_on:
+        return _refuse(m, before, ARM_CHUTE, PREARM_CHUTE)
     if m.FENCE_ENABLE != 0 and position_ready(m, t):
         n, e = m.position_neu[0], m.position_neu[1]
         hn, he = n - m.home_neu[0], e - m.home_neu[1]

@@ -150,6 +150,7 @@ _COMMANDS = np.array(
     ),
     dtype=np.int64,
 )  # in the order of MISSION_TEXTS
+_LEAST_CLIMB = 1.0  # m of a take-off from the ground
 _AT_CENTRE = 3.0  # m from a circle's centre within which the circle begins at once
 _LOOK_AT_EDGE = 5.0  # m from the circle beyond which the vehicle faces its edge during the approach
 _FINISHED = -1  # m.auto_command when the mission is finished
@@ -303,10 +304,10 @@ def _begin(m: Any, row: int, t: float) -> None:
     p = m.desired_position_neu
     if command == MAV_CMD_NAV_TAKEOFF and m.on_ground:
         leave_legs(m)
-        start_takeoff(m, m.home_neu[2] + m.mission[row, Z])
+        start_takeoff(m, max(m.home_neu[2] + m.mission[row, Z], m.position_neu[2] + _LEAST_CLIMB))
     elif command == MAV_CMD_NAV_TAKEOFF:
         _, _, up = place(m, row)
-        _go_to(m, p[0], p[1], up)
+        _go_to(m, p[0], p[1], max(up, m.position_neu[2]))  # it never descends
     elif command == MAV_CMD_NAV_RETURN_TO_LAUNCH:
         start_rtl(m)
     elif command == MAV_CMD_NAV_DELAY:

@@ -22,6 +22,7 @@ __all__ = [
     "ARMING",
     "ARM_BATTERY_FAILSAFE",
     "ARM_CHARGE",
+    "ARM_CHUTE",
     "ARM_CIRCLE",
     "ARM_MISSION",
     "ARM_NEEDS_POSITION",
@@ -124,6 +125,7 @@ __all__ = [
     "PREARM_ATTITUDE",
     "PREARM_BATTERY_FAILSAFE",
     "PREARM_CHARGE",
+    "PREARM_CHUTE",
     "PREARM_CIRCLE",
     "PREARM_HOME",
     "PREARM_MISSION",
@@ -331,6 +333,8 @@ FENCE_INDEXED = _text(b"Fence Indexed OK")
 PARACHUTE_LANDED = _text(b"Parachute: Landed")
 BAROMETER_BEGINS = _text(b"Updating barometer calibration")
 BAROMETER_DONE = _text(b"Barometer calibration complete")
+ARM_CHUTE = _text(b"Arm: Chute has no relay")
+PREARM_CHUTE = _text(b"PreArm: Chute has no relay")
 LOG_DISARM = _text(b"Disarm for log download")
 FENCE_CLEARED = _text(b"Fence breach cleared")
 CRASHED = _text(b"Crash: Disarming: AngErr=%>30, Accel=~<3.0")

@@ -17,6 +17,7 @@ import numpy as np
 
 from cosim.kernel import kernel
 from cosim.messages import (
+    MAV_CMD_AIRFRAME_CONFIGURATION,
     MAV_CMD_BATTERY_RESET,
     MAV_CMD_CONTROL_HIGH_LATENCY,
     MAV_CMD_DO_ACCEPT_MAG_CAL,
@@ -59,12 +60,14 @@ from cosim.messages import (
     MAV_CMD_PREFLIGHT_CALIBRATION,
     MAV_CMD_PREFLIGHT_STORAGE,
     MAV_CMD_RUN_PREARM_CHECKS,
+    MAV_CMD_SCRIPTING,
     MAV_CMD_SET_CAMERA_FOCUS,
     MAV_CMD_SET_EKF_SOURCE_SET,
     MAV_CMD_SOLO_BTN_FLY_CLICK,
     MAV_CMD_SOLO_BTN_FLY_HOLD,
     MAV_CMD_SOLO_BTN_PAUSE_CLICK,
     MAV_CMD_START_RX_PAIR,
+    MAV_CMD_STORAGE_FORMAT,
     MAV_CMD_VIDEO_START_CAPTURE,
     MAV_CMD_VIDEO_STOP_CAPTURE,
     MAV_RESULT_ACCEPTED,
@@ -168,6 +171,7 @@ _ACCEPTED_WITHOUT = np.array(
         MAV_CMD_DO_SET_ROI_SYSID,
         MAV_CMD_FIXED_MAG_CAL_YAW,
         MAV_CMD_START_RX_PAIR,
+        MAV_CMD_AIRFRAME_CONFIGURATION,
     ),
     dtype=np.int64,
 )
@@ -424,6 +428,12 @@ def _obey_station(m: Any, command: int, p1: float, p2: float, p3: float, x: int,
         return MAV_RESULT_ACCEPTED if 0.0 < p1 <= 255.0 else MAV_RESULT_DENIED
     if command == MAV_CMD_DO_PARACHUTE:
         return _use_parachute(m, p1)
+    if command == MAV_CMD_SCRIPTING:
+        return (
+            MAV_RESULT_ACCEPTED if 2.0 <= p1 < 4.0 else MAV_RESULT_DENIED if 0.0 <= p1 < 2.0 else MAV_RESULT_UNSUPPORTED
+        )
+    if command == MAV_CMD_STORAGE_FORMAT:
+        return MAV_RESULT_FAILED if p1 == 1.0 and p2 == 1.0 else MAV_RESULT_UNSUPPORTED
     if command == MAV_CMD_DO_SPRAYER:
         return MAV_RESULT_ACCEPTED if p1 == 0.0 or p1 == 1.0 else MAV_RESULT_FAILED
     if command == MAV_CMD_IMAGE_STOP_CAPTURE and p1 == 0.0:
