@@ -92,7 +92,7 @@ _STEPS_LOST = (
     "discarded steps, if an FMU cannot go back or discards a thousandth as well; steps in the background (fmi2Pending)"
 )
 _DEEP_SYSTEMS = (
-    "systems nested more than 60 deep or of more than 200000 parts; arrays of more than 65536 elements in"
+    "systems nested more than 60 deep or of more than 400000 parts; arrays of more than 65536 elements in"
     " SSP, 1048576 in FMI"
 )
 _LARGE_FILES = (

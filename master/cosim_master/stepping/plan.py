@@ -100,7 +100,8 @@ def make_plan(
     slopes = _slope_table(layout, master)
     derivatives = np.zeros(slopes.size)
     instances = _instance_table(clock, network, slaves, memory, free)
-    block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
+    # Large blocks, if each thread gets many: the first instances of a block are not prefetched.
+    block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)), min(96, len(free) // (32 * threads)))
     confined = [*(master.sequence or sorted(set(range(len(slaves))) - set(free)))]
     page = mmap.mmap(-1, mmap.PAGESIZE)
     return Plan(

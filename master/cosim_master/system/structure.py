@@ -58,7 +58,7 @@ Kind: TypeAlias = Literal[
 ]
 Value: TypeAlias = float | int | bool | str
 MAX_DEPTH = 60
-MAX_PARTS = 200_000
+MAX_PARTS = 400_000
 """The deepest nesting of systems, and the largest number of elements and connectors of a system."""
 
 

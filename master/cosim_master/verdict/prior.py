@@ -9,7 +9,7 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 
 from cosim.verdict import Role, Values
-from cosim_master.fmi.description.read import Variable
+from cosim_master.fmi.description.read import FmuDescription, Start, Variable
 from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
 from cosim_master.system.settings.network import Network
 from cosim_master.verdict.earshot import depends_on_places, repeated, system_ids, twice
@@ -60,20 +60,14 @@ def _open_inputs(checked: CheckedSystem, set_later: Collection[tuple[str, str]])
         return
     driven = {link.target for link in checked.links}
     found: dict[tuple[str, str], list[tuple[ComponentInstance, list[Variable]]]] = {}
+    wanted: dict[int, list[tuple[str, Variable]]] = {}
     for instance in checked.instances:
-        optional = {name for name, verdict in instance.fmu.verdicts.items() if verdict is Role.OPTIONAL}
-        for v in instance.fmu.variables.values():
-            base = v.name.partition("[")[0]
-            if (
-                v.causality != "input"
-                or v.packet_capacity is not None
-                or v.clock is not None
-                or v.clocks
-                or {v.name, base} & optional
-                or v.name in instance.start_values
-                or (instance.name, v.name) in driven
-                or (instance.name, v.name) in set_later
-            ):
+        fmu = instance.fmu
+        if id(fmu) not in wanted:
+            wanted[id(fmu)] = _inputs_to_drive(fmu)
+        for base, v in wanted[id(fmu)]:
+            end = (instance.name, v.name)
+            if v.name in instance.start_values or end in driven or end in set_later:
                 continue
             of = found.setdefault((str(instance.fmu.path), base), [])
             if not of or of[-1][0] is not instance:
@@ -91,6 +85,17 @@ def _open_inputs(checked: CheckedSystem, set_later: Collection[tuple[str, str]])
             f"nothing drives {names}{elements}, and the system does not set it: {stays}; connect it or set a value",
             numbers={"inputs": sum(len(vs) for _, vs in of)},
         )
+
+
+def _inputs_to_drive(fmu: FmuDescription) -> list[tuple[str, Variable]]:
+    """Returns the inputs of an FMU that a source or the system should give a value, with their names without index."""
+    optional = {name for name, verdict in fmu.verdicts.items() if verdict is Role.OPTIONAL}
+    inputs = (
+        (v.name.partition("[")[0], v)
+        for v in fmu.variables.values()
+        if v.causality == "input" and v.packet_capacity is None and v.clock is None and not v.clocks
+    )
+    return [(base, v) for base, v in inputs if not {v.name, base} & optional]
 
 
 def _value(variable: Variable) -> str:
@@ -179,18 +184,33 @@ def _misspelt(checked: CheckedSystem) -> Iterator[Finding]:
 def _out_of_range(checked: CheckedSystem) -> Iterator[Finding]:
     """Yields parameters whose own start value is out of range. Values from the system are already checked when read."""
     told: set[tuple[str, str]] = set()
+    defaults: dict[int, set[str]] = {}
     for instance in checked.instances:
-        values = instance.effective_values()
-        for name, value in values.items():
-            v = instance.fmu.variables[name]
-            low = -math.inf if v.minimum is None else v.minimum
-            high = math.inf if v.maximum is None else v.maximum
-            number = isinstance(value, int | float) and not isinstance(value, bool) and v.type != "Enumeration"
-            if not number or low <= float(value) <= high or (str(instance.fmu.path), name) in told:
+        fmu, given = instance.fmu, instance.start_values
+        if id(fmu) not in defaults:
+            defaults[id(fmu)] = {n for n, x in fmu.defaults.items() if not _in_range(fmu.variables[n], x)}
+        outside = {n for n, x in given.items() if not _in_range(fmu.variables[n], x)}
+        outside |= {n for n in defaults[id(fmu)] if n not in given}
+        for name, value in instance.effective_values().items() if outside else ():
+            if name not in outside or (str(fmu.path), name) in told:
                 continue
-            told.add((str(instance.fmu.path), name))
+            told.add((str(fmu.path), name))
+            low, high = _range(fmu.variables[name])
             text = f"{instance.name}.{name} is {float(value):g}, outside of its range; valid: {low:g} to {high:g}"
             yield Finding("out of range", "note", (f"{instance.name}.{name}",), text, numbers={"value": float(value)})
+
+
+def _range(variable: Variable) -> tuple[float, float]:
+    low, high = variable.minimum, variable.maximum
+    return -math.inf if low is None else low, math.inf if high is None else high
+
+
+def _in_range(variable: Variable, value: Start) -> bool:
+    """Returns whether a value is no number, or within the range of its variable."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or variable.type == "Enumeration":
+        return True
+    low, high = _range(variable)
+    return low <= float(value) <= high
 
 
 def _is_angle(variable: Variable) -> bool:

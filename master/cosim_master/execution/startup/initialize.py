@@ -22,7 +22,7 @@ import numpy as np
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.execution.events.super_dense import EndedByEvent, Events
 from cosim_master.execution.startup.loops import settle
-from cosim_master.fmi.description.read import Start, Variable
+from cosim_master.fmi.description.read import FmuDescription, Start, Variable
 from cosim_master.fmi.slaves.elsewhere import Elsewhere
 from cosim_master.fmi.slaves.fmi2 import set_kind
 from cosim_master.fmi.slaves.isolated import Isolation
@@ -85,19 +85,20 @@ def initialize(
         FmuError: an FMU refused.
         LoopError: outputs depend on each other, and no consistent values were found.
     """
+    grouped = _Grouped()
     for one, instance in zip(slaves, checked.instances, strict=True):
         starts = instance.effective_values()
         if sizes := instance.structural_values():
             one.configure([instance.fmu.variables[n] for n in sizes], list(sizes.values()))
         one.setup_experiment(start, stop)
-        _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
+        grouped.set(one, instance.fmu, starts, inputs=False)
     for one, instance in zip(slaves, checked.instances, strict=True):
         starts = instance.effective_values()  # anew, since those of all instances together take much memory
         one.enter_initialization_mode()
         if one.initializes_anew:
             exact = [v for n in starts if (v := instance.fmu.variables[n]).initial == "exact"]
-            _set_all(one, exact, starts, inputs=False)
-        _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=True)
+            _set_all(one, [v for v in exact if v.causality != "input"], starts)
+        grouped.set(one, instance.fmu, starts, inputs=True)
     loops = _exchange(checked, {one.name: one for one in slaves})
     events = events or Events(checked, slaves, round(start * 1e9))
     events.begin()
@@ -249,7 +250,7 @@ def _set(
         targets.setdefault(link.target[0], {})[link.target[1]] = value
     for name, new in targets.items():
         one = slaves[name]
-        _set_all(one, [one.fmu.variables[n] for n in new], new, inputs=None)
+        _set_all(one, [one.fmu.variables[n] for n in new], new)
 
 
 def _by_kind(variables: Iterable[Variable]) -> list[list[Variable]]:
@@ -261,7 +262,25 @@ def _by_kind(variables: Iterable[Variable]) -> list[list[Variable]]:
     return [some for some in found.values() if some]
 
 
-def _set_all(one: Slave, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
-    """Sets the variables that are inputs, those that are not, or (None) all; one call per type."""
-    for some in _by_kind(v for v in variables if inputs is None or (v.causality == "input") == inputs):
+def _set_all(one: Slave, variables: Sequence[Variable], values: Mapping[str, Any]) -> None:
+    """Sets variables; one call per type."""
+    for some in _by_kind(variables):
         one.set(some, [values[v.name] for v in some])
+
+
+class _Grouped:
+    """Sets start values; finds out once which calls set the same variables of an FMU's instances."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, tuple[str, ...]], dict[bool, list[list[Variable]]]] = {}
+
+    def set(self, one: Slave, fmu: FmuDescription, values: Mapping[str, Any], *, inputs: bool) -> None:
+        """Sets those of the values that are inputs, or those that are not; one call per type."""
+        key = id(fmu), tuple(values)
+        if key not in self._known:
+            variables = [fmu.variables[n] for n in values]
+            self._known[key] = {
+                which: _by_kind(v for v in variables if (v.causality == "input") == which) for which in (False, True)
+            }
+        for some in self._known[key][inputs]:
+            one.set(some, [values[v.name] for v in some])

@@ -579,7 +579,7 @@ class TestBombs:
         for i in range(1, 13):
             parts = "".join(workshop.component(f"c{k}", f"#s{i - 1}", type=SSD_TYPE) for k in range(10))
             systems += workshop.system(parts, name=f"s{i}").replace("<ssd:System ", f'<ssd:System id="s{i}" ')
-        with pytest.raises(SystemDescriptionError, match=r"has \d+ parts; at most 200000 are possible"):
+        with pytest.raises(SystemDescriptionError, match=r"has \d+ parts; at most 400000 are possible"):
             check(read_system(workshop.ssd("s.ssd", workshop.system(systems))))
 
     def test_references_that_nest(self, workshop: Any) -> None:
