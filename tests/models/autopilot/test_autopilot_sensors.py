@@ -254,3 +254,54 @@ def test_a_parameter_that_is_set_back_leaves_no_trace() -> None:
         copter.in_the_air(4.0, 8.0)
         flights.append(copter.run(1.0))
     np.testing.assert_array_equal(flights[0], flights[1])
+
+
+# ---- accelerometer --------------------------------------------------------------------------------------------------
+
+
+def test_an_error_of_the_accelerometer_makes_it_climb_as_the_real_one_did() -> None:
+    """The flight x_accelerometer_bias: 0.86 m in 1 s, 3.15 m in 2 s, compensation after 2.89 s, LAND after 3.69 s."""
+    copter = hovering()
+    begin = copter.time + 0.01
+    put(copter, "SIM_ACC1_BIAS_Z", 2.0)
+    copter.run(0.99)
+    assert -copter.v["position"][2] == pytest.approx(8.0 + 0.86, abs=0.3)
+    copter.run(1.0)
+    assert -copter.v["position"][2] == pytest.approx(8.0 + 3.15, abs=0.6)
+    assert told(copter) == []
+    copter.run(2.0)
+    texts = {m.text: t - begin for t, m in copter.heard if m.get_type() == "STATUSTEXT"}
+    assert texts["Vibration compensation ON"] == pytest.approx(2.89, abs=0.25)
+    assert texts["EKF variance"] == pytest.approx(3.69, abs=0.3)
+    assert copter.m["mode"] == LAND and copter.m["vibration_failsafe"]
+    put(copter, "SIM_ACC1_BIAS_Z", 0.0)
+    copter.heard.clear()
+    copter.run(30.0)
+    assert (2, "Vibration compensation OFF") in told(copter)
+    assert not copter.m["vibration_failsafe"]
+
+
+@pytest.mark.parametrize(("bias", "enabled"), [(-2.0, 1), (2.0, 0)])
+def test_the_accelerometer_is_trusted_if_it_errs_upwards_or_by_parameter(bias: float, enabled: int) -> None:
+    copter = hovering(FS_VIBE_ENABLE=enabled)
+    put(copter, "SIM_ACC1_BIAS_Z", bias)
+    copter.run(4.0)
+    assert "Vibration compensation ON" not in [text for _, text in told(copter)]
+    assert (2, "EKF variance") in told(copter)
+
+
+def test_vibration_passes_the_filter_of_the_accelerometer() -> None:
+    """At the corner of a filter of second order, 1/sqrt(2) of it is left, and 1/sqrt(17) at twice the frequency."""
+    for frequency, left in ((20.0, math.sqrt(0.5)), (40.0, 1.0 / math.sqrt(17.0))):
+        copter = hovering()
+        put(copter, "SIM_ACC1_RND", 2.0)
+        put(copter, "SIM_VIB_FREQ_X", frequency)
+        copter.run(0.5)
+        seen = []
+        for _ in range(200):
+            copter.tick()
+            seen.append(float(copter.m["acceleration_neu"][0]))
+        assert np.ptp(seen) == pytest.approx(2 * 2.0 * left, rel=0.1)
+    put(copter, "SIM_ACC1_RND", 0.0)
+    copter.run(0.5)
+    assert not copter.m["sim_on"]

@@ -1,4 +1,4 @@
-"""Checks in flight: a lost estimate, a crash and lost thrust. Ten times a second.
+"""Checks in flight: a lost estimate, vibration, a crash and lost thrust. Ten times a second.
 
 Kernels over the autopilot's record `m`.
 
@@ -24,15 +24,18 @@ from cosim_models.autopilot.link.statustext import (
     EMERGENCY,
     NO_NUMBER,
     THRUST_LOST,
+    VIBRATION_OFF,
+    VIBRATION_ON,
     say,
     say_with,
 )
-from cosim_models.autopilot.record.modes import ACRO, ALT_HOLD, FLIP, LAND
+from cosim_models.autopilot.record.modes import ACRO, ALT_HOLD, FLIP, LAND, STABILIZE
 
 __all__ = ["watch_flight"]
 
 _COUNT = 10  # of checks in a row
 _WARN_AGAIN = 30.0  # s
+_VIBRATES, _VIBRATED = 1.0, 15.0  # s
 _REPORT, _ALT_HOLD, _ALWAYS = 0, 2, 3  # FS_EKF_ACTION
 _CRASH, _THRUST = 20, 10  # checks in a row
 _STILL, _FAST = 3.0, 10.0  # m/s2, m/s
@@ -57,11 +60,17 @@ def _fail_estimate(m: Any, t: float) -> None:
 
 
 @kernel
+def _varies(m: Any) -> bool:
+    """Returns whether position and velocity are beyond FS_EKF_THRESH, or the velocity beyond twice that."""
+    return bool(min(m.position_ratio, m.velocity_ratio) >= m.FS_EKF_THRESH or m.velocity_ratio >= 2.0 * m.FS_EKF_THRESH)
+
+
+@kernel
 def _watch_estimate(m: Any, t: float) -> None:
     if not m.armed or m.FS_EKF_THRESH <= 0.0:
         m.ekf_count = 0
         m.ekf_failed = m.ekf_acted = False
-    elif m.position_lost or min(m.position_ratio, m.velocity_ratio) >= m.FS_EKF_THRESH:
+    elif m.position_lost or _varies(m):
         if m.ekf_failed:
             return
         m.ekf_count += 1
@@ -135,9 +144,30 @@ def _watch_thrust(m: Any) -> None:
 
 
 @kernel
+def _watch_vibration(m: Any, t: float) -> None:
+    """Controls the height without the accelerometer while its errors spoil the estimate: for a second, 15 s longer."""
+    spoiled = m.velocity_ratio > 1.0 and m.climb_error < 0.0 and m.estimate_error[2] < 0.0
+    bad = spoiled and m.FS_VIBE_ENABLE == 1 and m.armed and m.mode != STABILIZE and m.mode != ACRO
+    if m.vibration_failsafe:
+        if bad:
+            m.vibrated_at = t
+        elif t - m.vibrated_at > _VIBRATED:
+            m.vibration_failsafe = False
+            say(m, CRITICAL, VIBRATION_OFF, NO_NUMBER)
+    elif not bad:
+        m.vibrates_since = t
+    elif t - m.vibrates_since > _VIBRATES:
+        m.vibration_failsafe = True
+        m.vibrated_at = t
+        say(m, CRITICAL, VIBRATION_ON, NO_NUMBER)
+
+
+@kernel
 def watch_flight(m: Any, t: float) -> None:
     """Performs the checks."""
     _watch_estimate(m, t)
+    if m.sim_on or m.vibration_failsafe:
+        _watch_vibration(m, t)
     if not m.armed:
         m.crash_count = m.thrust_count = 0
         return

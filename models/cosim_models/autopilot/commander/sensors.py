@@ -8,12 +8,16 @@ fails, the estimate has an error, which is added to that motion:
   7 s; the error stays as it is.
 - Jammed GPS: its positions and velocities are nonsense and rejected.
 - Barometer: the same for the height, with a wider gate and a slower gain.
+- Accelerometer: its error downwards becomes one of the climb rate, which the estimate corrects slowly (0.15/s), and not
+  at all beyond its gate of 3 m/s; 2.5 s later the estimate is reset, and trusts the accelerometer again after 9.4 s.
+  The vibration is added to the acceleration, behind the filter.
 - Compass: offsets other than the calibrated ones turn the heading of the estimate, slowly.
 
 A reset moves the desired motion, too, so that the vehicle does not jump. Kernels over the autopilot's record `m`.
 
 Source: ArduPilot, SITL (SIM_GPS, SIM_Baro: the drift counts from the start) and NavEKF3 (FuseVelPosNED, gates of 5
-standard deviations of 0.5 m and 2 m; posRetryTimeNoVel 7 s, retry times 10 s). The gains are round numbers.
+standard deviations of 0.5 m and 2 m; posRetryTimeNoVel 7 s, retry times 10 s). The gains are round numbers; those of
+the accelerometer are from a flight of ArduCopter's (tests/data/arducopter/x_accelerometer_bias.csv.gz).
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ from typing import Any
 
 from cosim.frames import deg_e7, geodetic_from_local, rotate, wrap_pi
 from cosim.kernel import kernel
+from cosim_models.autopilot.control.motors import GROUND_IDLE
 from cosim_models.autopilot.link.statustext import CRITICAL, GLITCH, GLITCH_CLEARED, INFO, NO_NUMBER, USING_GPS, say
 
 __all__ = ["add_errors", "fail_motors", "told_by_gps", "watch_sensors"]
@@ -39,6 +44,11 @@ _CALIBRATED = (5.0, 13.0, -18.0)  # mGauss, offsets of the simulated compass
 _NEVER = -1.0
 _NONSENSE = 10.0  # innovation over its gate
 _SAME = 1e-3  # m
+_GATE_CLIMB = 3.0  # m/s
+_GAIN_CLIMB, _GAIN_FALL = 0.15, 0.9  # 1/s, of climb rate and height
+_IMU_RETRY, _IMU_IGNORED = 2.5, 9.4  # s
+_LEFT = 0.05  # s, climb error over that of the acceleration while the accelerometer is ignored
+_GAIN_IGNORED = 5.0  # 1/s
 
 
 @kernel
@@ -46,6 +56,12 @@ def _compass_offset(m: Any) -> tuple[float, float, float]:
     """Returns the offset [mGauss], FRD, that is not calibrated."""
     c = _CALIBRATED
     return m.SIM_MAG1_OFS_X - c[0], m.SIM_MAG1_OFS_Y - c[1], m.SIM_MAG1_OFS_Z - c[2]
+
+
+@kernel
+def vibrates(m: Any) -> bool:
+    """Returns whether the accelerometer vibrates while motors turn."""
+    return bool(m.SIM_ACC1_RND > 0.0 and m.SIM_VIB_FREQ_X + m.SIM_VIB_FREQ_Y + m.SIM_VIB_FREQ_Z > 0.0)
 
 
 @kernel
@@ -63,6 +79,8 @@ def _is_on(m: Any) -> bool:
         return True
     off = _compass_offset(m)
     if abs(off[0]) + abs(off[1]) + abs(off[2]) > _SAME:
+        return True
+    if m.SIM_ACC1_BIAS_Z != 0.0 or vibrates(m) or (m.sim_on and abs(m.climb_error) > _SAME):
         return True
     e = m.estimate_error
     if m.sim_on and abs(m.yaw_error) > _SAME:
@@ -119,7 +137,8 @@ def _watch_gps(m: Any, t: float) -> None:
     away_n, away_e = n - m.estimate_error[0], e - m.estimate_error[1]
     m.position_ratio = math.sqrt(away_n * away_n + away_e * away_e) / _GATE
     if m.position_ratio < 1.0:
-        m.gps_rejected_at = _NEVER
+        if m.imu_rejected_at == _NEVER:
+            m.gps_rejected_at = _NEVER
         m.error_rate[0], m.error_rate[1] = _GAIN * away_n, _GAIN * away_e
         return
     m.error_rate[0] = m.error_rate[1] = 0.0
@@ -146,6 +165,32 @@ def _watch_barometer(m: Any, t: float) -> None:
 
 
 @kernel
+def _watch_accelerometer(m: Any, t: float) -> None:
+    """Sets the rate at which the climb rate of the estimate errs, and its innovation over the gate."""
+    up = -m.SIM_ACC1_BIAS_Z * (1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2]))
+    if t < m.imu_ignored_until:
+        m.climb_error_rate = _GAIN_IGNORED * (_LEFT * up - m.climb_error)
+        return
+    ratio = abs(m.climb_error) / _GATE_CLIMB
+    m.velocity_ratio = max(m.velocity_ratio, ratio)
+    if ratio < 1.0:
+        m.imu_rejected_at = _NEVER
+        m.climb_error_rate = up - _GAIN_CLIMB * m.climb_error
+        m.error_rate[2] += m.climb_error - _GAIN_FALL * m.estimate_error[2]
+        return
+    m.climb_error_rate = up
+    m.error_rate[2] = m.climb_error
+    m.gps_rejected_at = t if m.gps_rejected_at == _NEVER else m.gps_rejected_at
+    if m.imu_rejected_at == _NEVER:
+        m.imu_rejected_at = t
+    elif t - m.imu_rejected_at >= _IMU_RETRY:
+        m.imu_rejected_at = _NEVER
+        m.imu_ignored_until = t + _IMU_IGNORED
+        m.climb_error = m.climb_error_rate = 0.0
+        _reset(m, 2, 0.0)
+
+
+@kernel
 def _watch_compass(m: Any) -> None:
     """Sets the rate at which the heading of the estimate moves to that of the compass."""
     w, x, y, z = m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]
@@ -169,15 +214,47 @@ def watch_sensors(m: Any, t: float) -> None:
         for i in range(3):
             m.estimate_error[i] = m.error_rate[i] = 0.0
         m.yaw_error = 0.0
+        m.climb_error = m.vibration_phase = m.imu_ignored_until = 0.0
+        m.imu_rejected_at = _NEVER
     _watch_gps(m, t)
-    _watch_glitch(m, t)
     _watch_barometer(m, t)
+    if m.SIM_ACC1_BIAS_Z != 0.0 or m.climb_error != 0.0:
+        _watch_accelerometer(m, t)
+    _watch_glitch(m, t)
     _watch_compass(m)
 
 
 @kernel
+def _vibration(m: Any, frequency: float) -> float:
+    """Returns the acceleration [m/s2] of a vibration behind the filter of the accelerometer, of second order."""
+    if frequency <= 0.0:
+        return 0.0
+    left = 1.0
+    if m.INS_ACCEL_FILTER > 0.0:
+        left = 1.0 / math.sqrt(1.0 + (frequency / m.INS_ACCEL_FILTER) ** 4)
+    return float(m.SIM_ACC1_RND * left * math.sin(2.0 * math.pi * frequency * m.vibration_phase))
+
+
+@kernel
+def _shake(m: Any, dt: float) -> None:
+    """Adds the vibration to the sensed acceleration."""
+    m.vibration_phase += dt
+    x, y, z = _vibration(m, m.SIM_VIB_FREQ_X), _vibration(m, m.SIM_VIB_FREQ_Y), _vibration(m, m.SIM_VIB_FREQ_Z)
+    n, e, d = rotate((float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3])), (x, y, z))
+    m.acceleration_neu[0] += n
+    m.acceleration_neu[1] += e
+    m.acceleration_neu[2] -= d
+
+
+@kernel
 def add_errors(m: Any, dt: float) -> None:
-    """Adds the errors of the estimate to the sensed position and heading."""
+    """Adds the errors of the estimate to the sensed motion."""
+    if m.SIM_ACC1_BIAS_Z != 0.0 or m.climb_error != 0.0:
+        m.climb_error += m.climb_error_rate * dt
+        m.velocity_neu[2] += m.climb_error
+        m.acceleration_neu[2] -= m.SIM_ACC1_BIAS_Z * (1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2]))
+    if vibrates(m) and m.armed and m.spool_state > GROUND_IDLE:
+        _shake(m, dt)
     for i in range(3):
         m.estimate_error[i] += m.error_rate[i] * dt
         m.position_neu[i] += m.estimate_error[i]

@@ -63,6 +63,7 @@ _THROTTLE_SHARE = 0.8  # of full thrust that may be used for leaning
 _LEAN_MIN = math.radians(10.0)
 _ALWAYS = 0.85  # m/s2, below any lean limit (ANGLE_MAX and PSC_ANGLE_MAX are at least 5 degrees)
 _PER_MILLE = 0.001
+_VIBRATION_P, _VIBRATION_I = 0.25, 0.125  # shares of the gains while vibration spoils the estimate
 _THROUGHPUT = 0.1  # throttle per (m/s2) and unit of an acceleration gain: gains are per mille per cm/s2
 
 
@@ -425,6 +426,36 @@ def _head_along_path(m: Any) -> None:
 
 
 @kernel
+def _lift(m: Any, dt: float) -> float:
+    """Returns the throttle beyond that of hover for m.target_acceleration_neu[2]."""
+    limited = m.limit_throttle_lower or m.limit_throttle_upper
+    s = m.accel_pid
+    if m.vibration_failsafe:  # without the accelerometer
+        each = m.throttle_hover / GRAVITY
+        if not limited or s[INTEGRAL] * m.climb_pid[ERROR] < 0.0:
+            s[INTEGRAL] += dt * each * m.climb_pid[ERROR] * m.PSC_VELZ_P * _VIBRATION_I
+        return float(_VIBRATION_P * each * m.target_acceleration_neu[2] + s[INTEGRAL])
+    return float(
+        pid(
+            s,
+            m.target_acceleration_neu[2],
+            m.acceleration_neu[2],
+            m.PSC_ACCZ_P * _THROUGHPUT,
+            m.PSC_ACCZ_I * _THROUGHPUT,
+            m.PSC_ACCZ_D * _THROUGHPUT,
+            max(0.001 * m.PSC_ACCZ_IMAX, m.throttle_hover),
+            lowpass_alpha(dt, m.PSC_ACCZ_FLTT),
+            lowpass_alpha(dt, m.PSC_ACCZ_FLTE),
+            lowpass_alpha(dt, m.PSC_ACCZ_FLTD),
+            dt,
+            limited,
+            m.PSC_ACCZ_FF * _THROUGHPUT,
+            m.PSC_ACCZ_PDMX * _PER_MILLE,
+        )
+    )
+
+
+@kernel
 def control_up(m: Any, dt: float) -> None:
     """Sets the throttle that follows the desired vertical motion."""
     p = m.desired_position_neu
@@ -453,23 +484,7 @@ def control_up(m: Any, dt: float) -> None:
         m.PSC_VELZ_FF,
         0.0,
     )
-    throttle = m.throttle_hover + pid(
-        m.accel_pid,
-        m.target_acceleration_neu[2],
-        m.acceleration_neu[2],
-        m.PSC_ACCZ_P * _THROUGHPUT,
-        m.PSC_ACCZ_I * _THROUGHPUT,
-        m.PSC_ACCZ_D * _THROUGHPUT,
-        max(0.001 * m.PSC_ACCZ_IMAX, m.throttle_hover),
-        lowpass_alpha(dt, m.PSC_ACCZ_FLTT),
-        lowpass_alpha(dt, m.PSC_ACCZ_FLTE),
-        lowpass_alpha(dt, m.PSC_ACCZ_FLTD),
-        dt,
-        m.limit_throttle_lower or m.limit_throttle_upper,
-        m.PSC_ACCZ_FF * _THROUGHPUT,
-        m.PSC_ACCZ_PDMX * _PER_MILLE,
-    )
-    set_throttle(m, throttle, True, _THROTTLE_FILTER, dt)
+    set_throttle(m, m.throttle_hover + _lift(m, dt), True, _THROTTLE_FILTER, dt)
     m.limit_neu[2] = 1.0 if m.limit_throttle_upper else -1.0 if m.limit_throttle_lower else 0.0
 
 

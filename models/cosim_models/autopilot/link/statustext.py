@@ -168,6 +168,8 @@ __all__ = [
     "USE_REQUEST_INT",
     "USING_GPS",
     "WAITING_FOR_HOME",
+    "VIBRATION_OFF",
+    "VIBRATION_ON",
     "WARNING",
     "ZIGZAG_MANUAL",
     "ZIGZAG_MOVING_A",
@@ -344,6 +346,8 @@ EKF_LANDS = _text(b"EKF Failsafe: changed to LAND Mode")
 EKF_VARIANCE = _text(b"EKF variance")
 GLITCH = _text(b"GPS Glitch or Compass error")
 GLITCH_CLEARED = _text(b"Glitch cleared")
+VIBRATION_ON = _text(b"Vibration compensation ON")
+VIBRATION_OFF = _text(b"Vibration compensation OFF")
 NO_SMART_LANDS = _text(b"SmartRTL Unavailable, Using Land Mode")
 NO_SMART_RETURNS = _text(b"SmartRTL Unavailable, Trying RTL Mode")
 RECOVERY = _text(b"Manual recovery started")

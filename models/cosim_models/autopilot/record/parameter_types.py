@@ -16,6 +16,7 @@ INT8 = frozenset(
         "BATT_LOW_TIMER",
         "DISARM_DELAY",
         "FENCE_ACTION",
+        "FS_VIBE_ENABLE",
         "FENCE_ENABLE",
         "FENCE_TYPE",
         "FLTMODE1",

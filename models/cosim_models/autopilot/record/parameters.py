@@ -333,6 +333,7 @@ BATTERY_PARAMETERS = _rare(
 )
 
 SENSOR_PARAMETERS = _rare(
+    _whole("FS_VIBE_ENABLE", 1, "1: height control without the accelerometer when vibration spoils the estimate", 0, 1),
     _whole("SIM_GPS1_ENABLE", 1, "GPS: 0 gives no position", 0, 1),
     _whole("SIM_GPS1_JAM", 0, "GPS: 1 is jammed", 0, 1),
     _signed("SIM_GPS1_GLTCH_X", "deg", 0.0, "GPS: error of the latitude in degrees", 90.0),
@@ -343,6 +344,14 @@ SENSOR_PARAMETERS = _rare(
     _signed("SIM_MAG1_OFS_X", "1", 5.0, "compass: offset forward in mGauss; it is calibrated for 5, 13, -18", 1e4),
     _signed("SIM_MAG1_OFS_Y", "1", 13.0, "compass: offset to the right in mGauss", 1e4),
     _signed("SIM_MAG1_OFS_Z", "1", -18.0, "compass: offset down in mGauss", 1e4),
+    _signed("SIM_ACC1_BIAS_Z", "m/s2", 0.0, "accelerometer: error downwards", 20.0),
+    _real("SIM_ACC1_RND", "m/s2", 0.0, "accelerometer: amplitude of the vibration while the motors turn", 0.0),
+    *(
+        _real(
+            f"SIM_VIB_FREQ_{axis}", "Hz", 0.0, f"accelerometer: frequency of the vibration {way}; 0 on all: none", 0.0
+        )
+        for axis, way in (("X", "forwards"), ("Y", "to the right"), ("Z", "downwards"))
+    ),
     _whole("SIM_ENGINE_FAIL", 0, "failed motors, sum of 1, 2, 4, ... for the first, second, third, ...", 0, 255),
     _signed("SIM_ENGINE_MUL", "1", 0.0, "share of their commands that failed motors obey", 1.0),
 )

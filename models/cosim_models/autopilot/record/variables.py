@@ -292,6 +292,14 @@ MEMORY = (
     State("ekf_failed", type=bool, description="whether the fail-safe of the estimate is on"),
     Memory("ekf_acted", dtype="?", rare=True),
     Memory("ekf_warned_at", rare=True),
+    Memory("climb_error", rare=True),  # of the estimate, m/s
+    Memory("climb_error_rate", rare=True),
+    Memory("imu_rejected_at", rare=True),  # -1: never
+    Memory("imu_ignored_until", rare=True),
+    Memory("vibration_phase", rare=True),  # s since it began
+    Memory("vibrates_since", rare=True),
+    Memory("vibrated_at", rare=True),
+    State("vibration_failsafe", type=bool, description="whether the height is controlled without the accelerometer"),
     Memory("crash_count", dtype="i4", rare=True),
     Memory("thrust_count", dtype="i4", rare=True),
     # mission
