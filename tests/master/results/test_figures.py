@@ -282,6 +282,11 @@ def test_a_long_line_is_compared_with_its_places_and_folded(tmp_path: Path) -> N
     snapshots, seen = draw_snapshots(flight), draw_map(flight, 40.0)
     assert snapshots and seen and len(places) == 151
 
+    change = np.stack([position[:, 1] - position[flight.row(FIRST), 1] for position in places], axis=1)
+    apart = change - np.median(change, axis=1, keepdims=True)
+    extremes = {f"drone{1 + int(np.argmax(apart.max(axis=0)))}", f"drone{1 + int(np.argmin(apart.min(axis=0)))}"}
+    assert {text.get_text() for text in draw_positions(flight).axes[1].texts} == extremes
+
     assert [axes.get_ylabel() for axes in snapshots.axes] == ["east of even spacing (m)", "", "", "height (m)", "", ""]
     row = flight.row(end_of_step(1) - 0.02)
     offsets = snapshots.axes[0].collections[0].get_offsets()

@@ -42,13 +42,17 @@ _SOME, _LINES = 25, 80
 
 
 def draw_on_line(flight: Flight, label: str) -> Figure:
-    """Draws the eastern positions of drones on a line, a thin line for each of some, and how much they change."""
+    """Draws the eastern positions of drones on a line, a thin line for each of some, and how much they change.
+
+    Of more than `LONG` drones, those that change most have names.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure((WIDTH, 5.4), layout="constrained")
     all_axes = list(figure.subplots(2, 1, sharex=True))
-    flown = [drone.position[:, 1] for drone in flight.drones if drone.position is not None]
-    values = np.stack(flown or [drone.target for drone in flight.drones if drone.target is not None], axis=1)
+    flown = {drone.name: drone.position[:, 1] for drone in flight.drones if drone.position is not None}
+    shown = flown or {drone.name: drone.target for drone in flight.drones if drone.target is not None}
+    values = np.stack([*shown.values()], axis=1)
     colour_bar(figure, _thin_lines(all_axes[0], flight, values, label), all_axes, "number of the drone")
     # most of the picture is the distances between the drones
     begin = flight.row(min(flight.steps.values(), default=float(flight.time[0])))
@@ -57,6 +61,8 @@ def draw_on_line(flight: Flight, label: str) -> Figure:
     all_axes[-1].set_ylabel("change since step 1 (m)" if flight.steps else "change (m)")
     figure.legend(*all_axes[-1].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     time_axis(all_axes, flight)
+    if len(shown) > LONG and np.isfinite(known).all():
+        _name_extremes(all_axes[-1], flight.time, known - known[begin], [*shown], inches=2.0)
     return figure
 
 
