@@ -40,8 +40,9 @@ from cosim_models.autopilot.gcs.record import (
     pilot_variables,
     real,
 )
-from cosim_models.autopilot.gcs.streams import can_answer, ready, start_streams, stream
-from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, local_target
+from cosim_models.autopilot.gcs.sending import can_answer
+from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
+from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, home_here, local_target
 
 __all__ = ["IdealAutopilot"]
 
@@ -116,8 +117,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
         return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t
-    for i in range(3):
-        m.home[i] = m.position[i]
+    home_here(m)
     return MAV_RESULT_ACCEPTED
 
 
@@ -284,8 +284,7 @@ def start(m: Any) -> int:
         return _BAD_GAIN
     m.kind = MAV_TYPE_QUADROTOR
     m.on_ground = True
-    for i in range(3):
-        m.home[i] = m.position[i]
+    home_here(m)
     start_streams(m)
     hold_here(m)
     return 0
@@ -298,8 +297,7 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     if m.mavlink_rx_len > 0:
         _receive(m, t)
     if not m.armed:
-        for i in range(3):
-            m.home[i] = m.position[i]
+        home_here(m)
     for i in range(3):
         m.desired_velocity[i] = 0.0
     flies = m.armed and t - m.armed_at >= _ARMING_DELAY - 1e-9 and not (m.on_ground and not m.taking_off)

@@ -24,6 +24,8 @@ from cosim import Model
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_SET_MISSION_CURRENT,
+    MAV_CMD_DO_VTOL_TRANSITION,
     MAV_CMD_MISSION_START,
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
@@ -33,17 +35,27 @@ from cosim.messages import (
     MAV_RESULT_DENIED,
     MAV_RESULT_FAILED,
     MAV_RESULT_UNSUPPORTED,
+    MAV_SEVERITY_INFO,
+    MAV_SEVERITY_NOTICE,
     MAV_TYPE_FIXED_WING,
     SET_POSITION_TARGET_GLOBAL_INT,
     decode_set_position_target_global_int,
 )
 from cosim.vehicle import Airframe
-from cosim_models.autopilot.gcs.commands import firmware, receiver
-from cosim_models.autopilot.gcs.missions import COMMAND, continue_upload, item_place, mission_protocol, tell_reached
+from cosim_models.autopilot.gcs.commands import firmware, receiver, told
+from cosim_models.autopilot.gcs.missions import (
+    COMMAND,
+    continue_upload,
+    item_place,
+    mission_protocol,
+    set_current,
+    tell_reached,
+)
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
 from cosim_models.autopilot.gcs.record import MISSION, pilot_variables
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
-from cosim_models.autopilot.gcs.targets import go_to, hold_here, is_place, locate
+from cosim_models.autopilot.gcs.targets import go_to, hold_here, home_here, is_place, locate
+from cosim_models.autopilot.gcs.words import MISSION_COMPLETE, NO_VTOL, say
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
@@ -74,6 +86,7 @@ class PlaneMode(IntEnum):
 _MANUAL, _CIRCLE, _AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED = (int(mode) for mode in PlaneMode)
 _ONLY_HEIGHT, _NO_HEIGHT = 0x0003, 0x0004  # POSITION_TARGET_TYPEMASK: no latitude and longitude; no height
 _FLYING_HEIGHT, _FLYING_SPEED = 1.0, 5.0  # m above home and m/s: beyond them it is in the air
+_MODES = (*range(9), *range(10, 27))  # of ArduPlane
 _FLOWN = (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_NAV_TAKEOFF)
 _NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
 
@@ -99,13 +112,15 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     if mode != _MANUAL and not ready(m, t):
         return MAV_RESULT_FAILED
     if mode == _AUTO:
-        if m.mission_count <= 1:
-            return MAV_RESULT_FAILED
         if m.mission_current == 0 or m.mission_done:
             m.mission_current = 1
         m.mission_done = False
+        if m.mission_count <= 1:
+            say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
+            mode = _RTL
     m.mode = mode
     m.autonomous = mode != _MANUAL
+    m.mission_active = mode == _AUTO
     m.taking_off = False
     hold_here(m)
     if mode == _TAKEOFF:
@@ -115,14 +130,16 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     return MAV_RESULT_ACCEPTED
 
 
+_enter = told(_change_mode, _MODES)
+
+
 @kernel
 def _arm(m: Any, forced: bool, t: float) -> int:
     if not (ready(m, t) or forced):
         return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t
-    for i in range(3):
-        m.home[i] = m.position[i]
+    home_here(m)
     if m.mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
     return MAV_RESULT_ACCEPTED
@@ -131,12 +148,19 @@ def _arm(m: Any, forced: bool, t: float) -> int:
 @kernel
 def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) -> int:  # noqa: ARG001
     if command == MAV_CMD_MISSION_START:
-        return _change_mode(m, _AUTO, t)
+        return _enter(m, _AUTO, t) if p1 == 0.0 and p2 == 0.0 else MAV_RESULT_DENIED
+    if command == MAV_CMD_NAV_LOITER_UNLIM:
+        return _enter(m, _LOITER, t)
+    if command == MAV_CMD_DO_VTOL_TRANSITION:
+        say(m, MAV_SEVERITY_NOTICE, NO_VTOL, 0)
+        return MAV_RESULT_FAILED
     if command == MAV_CMD_NAV_TAKEOFF:
         return MAV_RESULT_FAILED
+    if command == MAV_CMD_DO_SET_MISSION_CURRENT:
+        return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_CHANGE_SPEED:
         if p1 != 0.0:
-            return MAV_RESULT_DENIED
+            return MAV_RESULT_FAILED
         if not m.AIRSPEED_MIN <= p2 <= m.AIRSPEED_MAX:
             return MAV_RESULT_DENIED
         m.cruise = p2
@@ -161,17 +185,19 @@ def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
         _hear_mission(m, message, sender, part, t)
 
 
-_receive = receiver(firmware(_GUIDED, _RTL, _change_mode, _arm, _command, _hear, _other))
+_receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, _hear, _other))
 
 
 # ---- flight --------------------------------------------------------------------------------------------------------
 
 
 @kernel
-def _carry_out(m: Any, h: float) -> None:
-    """Carries the mission out; at its end, it circles the last place."""
+def _carry_out(m: Any, t: float, h: float) -> None:
+    """Carries the mission out; at its end, it returns."""
     row = m.mission_current
     if m.mission_done or row >= m.mission_count:
+        say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
+        _change_mode(m, _RTL, t)
         m.mission_done = True
         fly(m, circle(m, m.guided_position[0], m.guided_position[1]), m.guided_position[2], cruise_speed(m), h)
         return
@@ -216,8 +242,7 @@ def start(m: Any) -> int:
     m.on_ground = True
     m.mission_count = 1
     m.item_since = -1.0
-    for i in range(3):
-        m.home[i] = m.position[i]
+    home_here(m)
     rest(m)
     start_streams(m)
     hold_here(m)
@@ -232,16 +257,15 @@ def advance(m: Any, t: float, h: float) -> int:
         _receive(m, t)
     speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
     if not m.armed:
-        for i in range(3):
-            m.home[i] = m.position[i]
+        home_here(m)
         m.rotated, m.elevator_trim = False, 0.0
-    m.on_ground = m.home[2] - m.position[2] < _FLYING_HEIGHT and speed < _FLYING_SPEED
+    m.on_ground = m.ground_down - m.position[2] < _FLYING_HEIGHT and speed < _FLYING_SPEED
     if not m.armed or m.mode == _MANUAL:
         rest(m)
     elif m.taking_off and m.mode != _AUTO:
         take_off(m, h)
     elif m.mode == _AUTO:
-        _carry_out(m, h)
+        _carry_out(m, t, h)
     elif m.on_ground:
         rest(m)
     else:

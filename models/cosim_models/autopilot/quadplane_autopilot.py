@@ -22,6 +22,7 @@ from cosim import Memory, Model
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_SET_MISSION_CURRENT,
     MAV_CMD_DO_VTOL_TRANSITION,
     MAV_CMD_MISSION_START,
     MAV_CMD_NAV_LOITER_UNLIM,
@@ -34,18 +35,27 @@ from cosim.messages import (
     MAV_RESULT_DENIED,
     MAV_RESULT_FAILED,
     MAV_RESULT_UNSUPPORTED,
+    MAV_SEVERITY_INFO,
     MAV_TYPE_FIXED_WING,
     MAV_TYPE_VTOL_QUADROTOR,
     SET_POSITION_TARGET_GLOBAL_INT,
     decode_set_position_target_global_int,
 )
 from cosim.vehicle import Airframe
-from cosim_models.autopilot.gcs.commands import firmware, receiver
-from cosim_models.autopilot.gcs.missions import COMMAND, continue_upload, item_place, mission_protocol, tell_reached
+from cosim_models.autopilot.gcs.commands import firmware, receiver, told
+from cosim_models.autopilot.gcs.missions import (
+    COMMAND,
+    continue_upload,
+    item_place,
+    mission_protocol,
+    set_current,
+    tell_reached,
+)
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
 from cosim_models.autopilot.gcs.record import MISSION, pilot_variables, real, whole
 from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, stream
-from cosim_models.autopilot.gcs.targets import go_to, hold_here, is_place, locate
+from cosim_models.autopilot.gcs.targets import go_to, hold_here, home_here, is_place, locate
+from cosim_models.autopilot.gcs.words import MISSION_COMPLETE, say
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
@@ -95,6 +105,7 @@ _FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of 
 _CLIMBED = 0.5  # m below the end of a vertical take-off
 _LANDED_SPEED, _LANDED_TIME = 0.1, 1.0  # m/s and s: slower than commanded for so long is landed
 _STATE_MC, _STATE_FW = 3, 4  # MAV_VTOL_STATE
+_MODES = (*range(9), *range(10, 27))  # of ArduPlane
 _FLOWN = (
     MAV_CMD_NAV_WAYPOINT,
     MAV_CMD_NAV_LOITER_UNLIM,
@@ -150,13 +161,15 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     if mode != _MANUAL and not ready(m, t):
         return MAV_RESULT_FAILED
     if mode == _AUTO:
-        if m.mission_count <= 1:
-            return MAV_RESULT_FAILED
         if m.mission_current == 0 or m.mission_done:
             m.mission_current = 1
         m.mission_done = False
+        if m.mission_count <= 1:
+            say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
+            mode = _RTL
     m.mode = mode
     m.autonomous = mode != _MANUAL
+    m.mission_active = mode == _AUTO
     m.taking_off = False
     m.vtol_mode, m.descending = False, False
     hold_here(m)
@@ -170,6 +183,9 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     return MAV_RESULT_ACCEPTED
 
 
+_enter = told(_change_mode, _MODES)
+
+
 @kernel
 def _arm(m: Any, forced: bool, t: float) -> int:
     if not (ready(m, t) or forced) or m.mode in (_QLAND, _QRTL):
@@ -177,8 +193,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     m.armed = True
     m.armed_at = t
     m.vtol = m.mode != _TAKEOFF
-    for i in range(3):
-        m.home[i] = m.position[i]
+    home_here(m)
     if m.mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
     return MAV_RESULT_ACCEPTED
@@ -196,7 +211,9 @@ def _rise(m: Any, down: float) -> None:
 @kernel
 def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) -> int:
     if command == MAV_CMD_MISSION_START:
-        return _change_mode(m, _AUTO, t)
+        return _enter(m, _AUTO, t) if p1 == 0.0 and p2 == 0.0 else MAV_RESULT_DENIED
+    if command == MAV_CMD_NAV_LOITER_UNLIM:
+        return _enter(m, _LOITER, t)
     if command == MAV_CMD_NAV_TAKEOFF:
         if m.mode != _GUIDED or not m.armed or not m.on_ground or m.taking_off or not p7 > 0.0:
             return MAV_RESULT_FAILED
@@ -207,6 +224,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
             return MAV_RESULT_FAILED
         m.vtol_mode = p1 == float(_STATE_MC)
         return MAV_RESULT_ACCEPTED
+    if command == MAV_CMD_DO_SET_MISSION_CURRENT:
+        return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_CHANGE_SPEED:
         if p1 != 0.0 or not m.AIRSPEED_MIN <= p2 <= m.AIRSPEED_MAX:
             return MAV_RESULT_DENIED
@@ -232,7 +251,7 @@ def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
         _hear_mission(m, message, sender, part, t)
 
 
-_receive = receiver(firmware(_GUIDED, _RTL, _change_mode, _arm, _command, _hear, _other))
+_receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, _hear, _other))
 
 
 # ---- flight --------------------------------------------------------------------------------------------------------
@@ -263,9 +282,11 @@ def _vertical(m: Any, h: float) -> None:
 
 @kernel
 def _carry_out(m: Any, t: float, h: float) -> None:
-    """Carries the mission out; at its end, it circles the last place."""
+    """Carries the mission out; at its end, it returns."""
     row = m.mission_current
     if m.mission_done or row >= m.mission_count:
+        say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
+        _change_mode(m, _RTL, t)
         m.mission_done = True
         go_round(m, m.guided_position[0], m.guided_position[1], m.guided_position[2], t, h)
         return
@@ -377,9 +398,9 @@ def start(m: Any) -> int:
     m.fast_since = -1.0
     m.still_since = -1.0
     m.vtol, m.vtol_state = True, _STATE_MC
-    for i in range(3):
-        m.home[i] = m.position[i]
+    home_here(m)
     _rest(m)
+    m.lifts = True
     start_streams(m)
     hold_here(m)
     return 0
@@ -392,10 +413,9 @@ def advance(m: Any, t: float, h: float) -> int:
     if m.mavlink_rx_len > 0:
         _receive(m, t)
     if not m.armed:
-        for i in range(3):
-            m.home[i] = m.position[i]
+        home_here(m)
         m.rotated, m.elevator_trim, m.held_heading = False, 0.0, heading(m)
-    m.on_ground = not m.armed or (m.home[2] - m.position[2] < _FLYING_HEIGHT and speed_of(m) < _FLYING_SPEED)
+    m.on_ground = not m.armed or (m.ground_down - m.position[2] < _FLYING_HEIGHT and speed_of(m) < _FLYING_SPEED)
     for i in range(3):
         m.desired_velocity[i] = m.velocity[i]
     if m.armed and m.on_ground and m.mode == _QRTL and not m.descending:

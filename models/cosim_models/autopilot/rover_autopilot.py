@@ -25,6 +25,7 @@ from cosim.frames import wrap_pi
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_SET_MISSION_CURRENT,
     MAV_CMD_MISSION_START,
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
@@ -33,12 +34,14 @@ from cosim.messages import (
     MAV_RESULT_DENIED,
     MAV_RESULT_FAILED,
     MAV_RESULT_UNSUPPORTED,
+    MAV_SEVERITY_INFO,
+    MAV_SEVERITY_NOTICE,
     MAV_TYPE_GROUND_ROVER,
     MAV_TYPE_SURFACE_BOAT,
     SET_POSITION_TARGET_LOCAL_NED,
 )
 from cosim.vehicle import Airframe
-from cosim_models.autopilot.gcs.commands import firmware, receiver
+from cosim_models.autopilot.gcs.commands import firmware, receiver, told
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
     P1,
@@ -46,6 +49,7 @@ from cosim_models.autopilot.gcs.missions import (
     continue_upload,
     item_place,
     mission_protocol,
+    set_current,
     tell_reached,
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
@@ -53,13 +57,15 @@ from cosim_models.autopilot.gcs.record import (
     ACCELERATION,
     HOLD,
     MISSION,
+    POSITION,
     VELOCITY,
     angle,
     pilot_variables,
     real,
 )
 from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, stream
-from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, local_target
+from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, home_here, local_target
+from cosim_models.autopilot.gcs.words import MISSION_DONE, NO_MISSION, REACHED, say
 
 __all__ = ["RoverAutopilot"]
 
@@ -76,6 +82,7 @@ class RoverMode(IntEnum):
 
 
 _MANUAL, _HOLD, _LOITER, _AUTO, _RTL, _GUIDED = (int(mode) for mode in RoverMode)
+_MODES = (0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16)  # of ArduRover
 _TIMEOUT = 3.0  # s after which a velocity is no longer followed
 _STANDING = 0.05  # m/s
 _FLOWN = (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_DO_CHANGE_SPEED)
@@ -121,6 +128,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
         return MAV_RESULT_FAILED
     if mode == _AUTO:
         if m.mission_count <= 1:
+            say(m, MAV_SEVERITY_NOTICE, NO_MISSION, 0)
             return MAV_RESULT_FAILED
         if m.mission_current == 0 or m.mission_done:
             m.mission_current = 1
@@ -128,6 +136,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
         m.item_since = -1.0
     m.mode = mode
     m.autonomous = mode not in (_MANUAL, _HOLD)
+    m.mission_active = mode == _AUTO
     hold_here(m)
     m.arrived = True
     if mode == _RTL:
@@ -136,25 +145,30 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     return MAV_RESULT_ACCEPTED
 
 
+_enter = told(_change_mode, _MODES)
+
+
 @kernel
 def _arm(m: Any, forced: bool, t: float) -> int:
     if m.mode == _RTL or not (ready(m, t) or forced):
         return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t
-    for i in range(3):
-        m.home[i] = m.position[i]
+    home_here(m)
     return MAV_RESULT_ACCEPTED
 
 
 @kernel
 def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) -> int:  # noqa: ARG001
     if command == MAV_CMD_MISSION_START:
-        return _change_mode(m, _AUTO, t)
+        return _enter(m, _AUTO, t) if p1 == 0.0 and p2 == 0.0 else MAV_RESULT_DENIED
+    if command == MAV_CMD_DO_SET_MISSION_CURRENT:
+        return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_CHANGE_SPEED:
         if p1 not in (0.0, 1.0):  # speeds of climb and descent
             return MAV_RESULT_DENIED
-        if not p2 > 0.0 or not math.isfinite(p2):
+        driving = m.mode == _AUTO or m.mode == _RTL or (m.mode == _GUIDED and m.guided_kind == POSITION)
+        if not driving or not p2 > 0.0 or not math.isfinite(p2):
             return MAV_RESULT_FAILED
         m.cruise = p2
         return MAV_RESULT_ACCEPTED
@@ -176,7 +190,7 @@ def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
         _hear_mission(m, message, sender, part, t)
 
 
-_receive = receiver(firmware(_GUIDED, _RTL, _change_mode, _arm, _command, _hear, _other))
+_receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, _hear, _other))
 
 
 # ---- driving -------------------------------------------------------------------------------------------------------
@@ -262,6 +276,8 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     """Carries the mission out; at its end, the vehicle holds its place."""
     row = m.mission_current
     if m.mission_done or row >= m.mission_count:
+        if not m.mission_done:
+            say(m, MAV_SEVERITY_NOTICE, MISSION_DONE, 0)
         m.mission_done = True
         _drive_to(m, m.guided_position[0], m.guided_position[1], h)
         return
@@ -282,6 +298,7 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     if m.arrived and m.item_since < 0.0:
         m.item_since = t
     if m.item_since >= 0.0 and command != MAV_CMD_NAV_LOITER_UNLIM and t - m.item_since >= m.mission[row, P1]:
+        say(m, MAV_SEVERITY_INFO, REACHED, row)
         tell_reached(m, row)
         m.mission_current += 1
         m.item_since = -1.0
@@ -303,8 +320,7 @@ def start(m: Any) -> int:
     m.on_ground = True
     m.mission_count = 1
     m.item_since = -1.0
-    for i in range(3):
-        m.home[i] = m.position[i]
+    home_here(m)
     m.motor[0], m.motor[1] = 0.5, 0.5
     start_streams(m)
     hold_here(m)
@@ -319,8 +335,7 @@ def advance(m: Any, t: float, h: float) -> int:
     if m.mavlink_rx_len > 0:
         _receive(m, t)
     if not m.armed:
-        for i in range(3):
-            m.home[i] = m.position[i]
+        home_here(m)
     for i in range(3):
         m.desired_velocity[i] = 0.0
     if not m.armed or m.mode == _MANUAL:

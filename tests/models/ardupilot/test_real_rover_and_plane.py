@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,13 @@ def accepted(one: RealCopter, command: int, *parameters: float) -> None:
 
 def begin(one: RealCopter, mode: int) -> None:
     accepted(one, mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
-    accepted(one, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    for _ in range(120):  # its logging starts by the wall clock: "Arm: Logging not started"
+        one.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        one.run(1.2)
+        if one.m["armed"]:
+            break
+        time.sleep(0.25)
+    assert one.m["armed"]
 
 
 def latitude(north: float) -> int:

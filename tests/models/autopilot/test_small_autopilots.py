@@ -277,9 +277,10 @@ def test_it_drives_to_positions_and_stops_there(name: str) -> None:
 
 def test_it_does_not_drive_faster_than_it_should_and_follows_velocities() -> None:
     p = started("rover")
+    assert p.ask(SPEED, 1, 3.0) == FAILED  # it stands
+    p.go(60.0, 0.0, 0.0)
     assert p.ask(SPEED, 1, 3.0) == ACCEPTED
     assert p.ask(SPEED, 2, 3.0) == DENIED
-    p.go(60.0, 0.0, 0.0)
     p.until(14.0)
     assert p.v.speed == pytest.approx(3.0, abs=0.1)
     p.move(0.0, 1.5, 0.0)
@@ -307,7 +308,7 @@ def upload(p: Pair, items: list[tuple[int, float, float, float, tuple[float, flo
     for _ in range(40):
         p.one_step()
         for m in p.heard:
-            if m.get_type() == "MISSION_REQUEST_INT":
+            if m.get_type() == "MISSION_REQUEST":  # as ArduPilot asks
                 command, n, e, z, (p1, p2) = [(WAYPOINT, 0.0, 0.0, 0.0, (0.0, 0.0)), *items][m.seq]
                 lat, lon = degrees_of(n, e)
                 p.send(

@@ -9,7 +9,7 @@ Sources: MAVLink common.xml; ArduPilot, GCS_Common and GCS_MAVLink of Copter, Ro
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -20,9 +20,11 @@ from cosim.messages import (
     COMMAND_ACK,
     COMMAND_INT,
     COMMAND_LONG,
+    GPS_GLOBAL_ORIGIN,
     HOME_POSITION,
     MAV_CMD_COMPONENT_ARM_DISARM,
     MAV_CMD_DO_REPOSITION,
+    MAV_CMD_DO_SET_HOME,
     MAV_CMD_DO_SET_MODE,
     MAV_CMD_GET_HOME_POSITION,
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
@@ -38,6 +40,10 @@ from cosim.messages import (
     MAV_RESULT_ACCEPTED,
     MAV_RESULT_DENIED,
     MAV_RESULT_FAILED,
+    MAV_RESULT_UNSUPPORTED,
+    MAV_SEVERITY_INFO,
+    MAV_SEVERITY_WARNING,
+    MAV_TYPE_FIXED_WING,
     MISSION_ACK,
     MISSION_ITEM,
     MISSION_ITEM_INT,
@@ -58,13 +64,17 @@ from cosim.messages import (
     encode_timesync,
 )
 from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, system, target, unpack, version
-from cosim_models.autopilot.gcs.rows import ROWS, group_of, row_of
-from cosim_models.autopilot.gcs.streams import can_answer, ready, send, send_message, set_interval
+from cosim_models.autopilot.gcs.answers import NOT_HERE, answer
+from cosim_models.autopilot.gcs.rows import ROWS, group_of, is_absent, row_of
+from cosim_models.autopilot.gcs.sending import can_answer, send
+from cosim_models.autopilot.gcs.streams import ready, send_message, set_interval
 from cosim_models.autopilot.gcs.targets import go_to, is_place, locate
+from cosim_models.autopilot.gcs.words import MODE_FAILED, NO_MESSAGE, NO_MODE, NO_Q_MODES, UNKNOWN_FRAME, say
 
-__all__ = ["Firmware", "firmware", "receiver"]
+__all__ = ["Firmware", "firmware", "receiver", "told"]
 
 _FORCE = 21196.0  # param2 of COMPONENT_ARM_DISARM
+_FRAMES = (0, 3, 5, 6, 10, 11)  # MAV_FRAMEs whose heights refer to the sea, home or terrain
 _COMMAND_ACK = cast(int, np.int64(COMMAND_ACK))
 _MISSION_ACK = cast(int, np.int64(MISSION_ACK))
 _TIMESYNC = cast(int, np.int64(TIMESYNC))
@@ -95,10 +105,41 @@ def firmware(
     return guided, rtl, change_mode, arm, command, hear, other
 
 
+def told(change_mode: Callable[[Any, int, float], int], modes: Sequence[int]) -> Callable[[Any, int, float], int]:
+    """Returns the kernel `change_mode` with ArduPilot's texts for a mode that is not entered.
+
+    Args:
+        change_mode: as for `firmware`.
+        modes: numbers of the modes of ArduPilot's firmware, also of those that are not flown here.
+    """
+    known = np.array(modes, dtype=np.int64)
+
+    @kernel
+    def change(m: Any, mode: int, t: float) -> int:
+        result = change_mode(m, mode, t)
+        if result == MAV_RESULT_FAILED:
+            text = NO_MODE
+            for i in range(known.size):
+                if known[i] == mode:
+                    text = MODE_FAILED
+            if m.kind == MAV_TYPE_FIXED_WING and not m.lifts and 17 <= mode <= 23:  # QSTABILIZE to QACRO
+                text = NO_Q_MODES
+            say(m, MAV_SEVERITY_WARNING, text, mode)
+        return int(result)
+
+    return change
+
+
 @kernel
 def _set_message_interval(m: Any, message: float, microseconds: float, t: float) -> int:
     row = row_of(message)
-    if row < 0 or microseconds < -1.0 or not math.isfinite(microseconds):
+    if microseconds < -1.0 or not math.isfinite(microseconds):
+        return MAV_RESULT_DENIED
+    if row < 0:
+        if is_absent(message):
+            return MAV_RESULT_ACCEPTED
+        if 0.0 <= message < 16777216.0:
+            say(m, MAV_SEVERITY_INFO, NO_MESSAGE, int(message))
         return MAV_RESULT_DENIED
     interval = 0.0
     if microseconds > 0.0:
@@ -110,9 +151,43 @@ def _set_message_interval(m: Any, message: float, microseconds: float, t: float)
 @kernel
 def _request_message(m: Any, message: float, t: float) -> int:
     row = row_of(message)
+    if is_absent(message):
+        return MAV_RESULT_ACCEPTED
     if row < 0 or not can_answer(m):
         return MAV_RESULT_FAILED
     return MAV_RESULT_ACCEPTED if send_message(m, row, t) else MAV_RESULT_FAILED
+
+
+@kernel
+def _tell_home(m: Any, t: float) -> int:
+    """Sends HOME_POSITION and GPS_GLOBAL_ORIGIN."""
+    if not ready(m, t):
+        return MAV_RESULT_FAILED
+    result = _request_message(m, float(HOME_POSITION), t)
+    _request_message(m, float(GPS_GLOBAL_ORIGIN), t)
+    return result
+
+
+@kernel
+def _set_home(m: Any, p1: float, frame: int, lat: int, lon: int, z: float, t: float) -> int:
+    """Makes the present place home (param1 is 1, or there is no place), or a given one, until it is set again."""
+    if p1 == 1.0 or (lat == 0 and lon == 0 and z == 0.0):
+        if not ready(m, t):
+            return MAV_RESULT_FAILED
+        n, e, d = m.position[0], m.position[1], m.position[2]
+    elif p1 != 0.0:
+        return MAV_RESULT_FAILED
+    elif frame not in _FRAMES:
+        say(m, MAV_SEVERITY_INFO, UNKNOWN_FRAME, frame)
+        return MAV_RESULT_DENIED
+    elif not is_place(frame, lat, lon, z):
+        return MAV_RESULT_FAILED
+    else:
+        n, e, d = locate(m, frame, lat, lon, z)
+    m.home[0], m.home[1], m.home[2] = n, e, d
+    m.home_set = True
+    _tell_home(m, t)
+    return MAV_RESULT_ACCEPTED
 
 
 @kernel
@@ -133,7 +208,9 @@ def _commands(of: Firmware) -> Callable[[Any, int, float, float, float, float], 
     def arm_or_disarm(m: Any, p1: float, p2: float, t: float) -> int:
         if p1 == 1.0:
             return MAV_RESULT_ACCEPTED if m.armed else arm(m, p2 == _FORCE, t)
-        if p1 != 0.0 or not (m.on_ground or not m.armed or p2 == _FORCE):
+        if p1 != 0.0:
+            return MAV_RESULT_UNSUPPORTED
+        if not (m.on_ground or not m.armed or p2 == _FORCE):
             return MAV_RESULT_FAILED
         m.armed = False
         return MAV_RESULT_ACCEPTED
@@ -157,10 +234,11 @@ def _commands(of: Firmware) -> Callable[[Any, int, float, float, float, float], 
         if command == MAV_CMD_REQUEST_MESSAGE:
             return _request_message(m, p1, t)
         if command == MAV_CMD_GET_HOME_POSITION:
-            return _request_message(m, float(HOME_POSITION), t) if ready(m, t) else MAV_RESULT_FAILED
+            return _tell_home(m, t)
         if command == MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
             return _request_message(m, float(AUTOPILOT_VERSION), t) if p1 == 1.0 else MAV_RESULT_FAILED
-        return int(command_of(m, command, p1, p2, p7, t))
+        result = answer(m, command, p1)
+        return int(command_of(m, command, p1, p2, p7, t)) if result == NOT_HERE else int(result)
 
     return command
 
@@ -172,7 +250,11 @@ def _places(of: Firmware) -> tuple[Callable[..., int], Callable[[Any, int, int, 
     @kernel
     def reposition(m: Any, frame: int, flags: float, lat: int, lon: int, z: float, t: float) -> int:
         change = 0.0 <= flags < 16777216.0 and (int(flags) & MAV_DO_REPOSITION_FLAGS_CHANGE_MODE) != 0
-        if (m.mode != guided and not change) or not is_place(frame, lat, lon, z) or (lat == 0 and lon == 0):
+        if m.mode != guided and not change:
+            return MAV_RESULT_DENIED
+        if not is_place(frame, lat, lon, z) or (lat == 0 and lon == 0):
+            if frame not in _FRAMES:
+                say(m, MAV_SEVERITY_INFO, UNKNOWN_FRAME, frame)
             return MAV_RESULT_DENIED
         if m.mode != guided and change_mode(m, guided, t) != MAV_RESULT_ACCEPTED:
             return MAV_RESULT_FAILED
@@ -217,14 +299,21 @@ def _dispatcher(of: Firmware) -> Callable[[Any, int, int, int, float], None]:
     @kernel
     def dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         if message == COMMAND_LONG:
-            _, _, command_id, _, p1, p2, _, _, _, _, p7 = decode_command_long(m.received)
-            result = command(m, command_id, p1, p2, p7, t)
+            _, _, command_id, _, p1, p2, _, _, p5, p6, p7 = decode_command_long(m.received)
+            if command_id == MAV_CMD_DO_SET_HOME:
+                place = abs(p5) <= 90.0 and abs(p6) <= 180.0  # else no number, or off the globe
+                x, y = (int(p5 * 1e7), int(p6 * 1e7)) if place else (910000000, 0)
+                result = _set_home(m, p1, 0, x, y, p7, t)
+            else:
+                result = command(m, command_id, p1, p2, p7, t)
             encode_command_ack(m.payload, command_id, result, 0, 0, sender, part)
             send(m, _COMMAND_ACK)
         elif message == COMMAND_INT:
             _, _, frame, command_id, _, _, p1, p2, _, _, x, y, z = decode_command_int(m.received)
             if command_id == MAV_CMD_DO_REPOSITION:
                 result = reposition(m, frame, p2, x, y, z, t)
+            elif command_id == MAV_CMD_DO_SET_HOME:
+                result = _set_home(m, p1, frame, x, y, z, t)
             else:
                 result = command(m, command_id, p1, p2, z, t)
             encode_command_ack(m.payload, command_id, result, 0, 0, sender, part)

@@ -1,7 +1,7 @@
 """MAVLink's mission protocol for the small autopilots: upload, download, clear, set the current item.
 
 Kernels over a record with `gcs.record.MISSION`. Item 0 is home. Commands that the autopilot cannot carry out are
-refused during the upload, as are fences and rally points (MAV_MISSION_UNSUPPORTED).
+refused during the upload, as are fences and rally points (MAV_MISSION_UNSUPPORTED), of which the lists are empty.
 
 Sources: the MAVLink guide, "Mission Protocol"; ArduPilot, MissionItemProtocol.
 """
@@ -27,7 +27,9 @@ from cosim.messages import (
     MAV_MISSION_NO_SPACE,
     MAV_MISSION_OPERATION_CANCELLED,
     MAV_MISSION_TYPE_MISSION,
+    MAV_MISSION_TYPE_RALLY,
     MAV_MISSION_UNSUPPORTED,
+    MAV_SEVERITY_WARNING,
     MISSION_ACK,
     MISSION_CLEAR_ALL,
     MISSION_COUNT,
@@ -48,22 +50,34 @@ from cosim.messages import (
     decode_mission_set_current,
     encode_mission_ack,
     encode_mission_count,
-    encode_mission_current,
+    encode_mission_item,
     encode_mission_item_int,
     encode_mission_item_reached,
-    encode_mission_request_int,
+    encode_mission_request,
 )
 from cosim_models.autopilot.gcs.record import MAX_MISSION
-from cosim_models.autopilot.gcs.streams import can_answer, send
+from cosim_models.autopilot.gcs.sending import can_answer, send
+from cosim_models.autopilot.gcs.streams import put_mission_current
 from cosim_models.autopilot.gcs.targets import is_place, locate
+from cosim_models.autopilot.gcs.words import USE_INT, say
 
-__all__ = ["COMMAND", "P1", "P2", "P3", "continue_upload", "item_place", "mission_protocol", "tell_reached"]
+__all__ = [
+    "COMMAND",
+    "P1",
+    "P2",
+    "P3",
+    "continue_upload",
+    "item_place",
+    "mission_protocol",
+    "set_current",
+    "tell_reached",
+]
 
 COMMAND, FRAME, P1, P2, P3, _P4, LATITUDE, LONGITUDE, HEIGHT = range(9)  # columns of the table
 _ASK_AGAIN, _GIVE_UP = 1.0, 8.0  # s
 _ACK, _COUNT, _CURRENT = (cast(int, np.int64(i)) for i in (MISSION_ACK, MISSION_COUNT, MISSION_CURRENT))
-_ITEM_INT, _REACHED, _REQUEST_INT = (
-    cast(int, np.int64(i)) for i in (MISSION_ITEM_INT, MISSION_ITEM_REACHED, MISSION_REQUEST_INT)
+_ITEM, _ITEM_INT, _REACHED, _REQUEST = (
+    cast(int, np.int64(i)) for i in (MISSION_ITEM, MISSION_ITEM_INT, MISSION_ITEM_REACHED, MISSION_REQUEST)
 )
 
 
@@ -89,8 +103,8 @@ def item_place(m: Any, sequence: int) -> tuple[float, float, float]:
 
 @kernel
 def _ask_for_next(m: Any, t: float) -> None:
-    encode_mission_request_int(m.payload, m.upload_system, m.upload_component, m.upload_next, 0)
-    if send(m, _REQUEST_INT):
+    encode_mission_request(m.payload, m.upload_system, m.upload_component, m.upload_next, 0)
+    if send(m, _REQUEST):
         m.upload_asked = t
 
 
@@ -105,8 +119,8 @@ def continue_upload(m: Any, t: float) -> None:
 
 
 @kernel
-def _send_item(m: Any, sequence: int, sender: int, part: int) -> None:
-    """Answers MISSION_REQUEST_INT and MISSION_REQUEST."""
+def _send_item(m: Any, sequence: int, whole: bool, sender: int, part: int) -> None:
+    """Answers MISSION_REQUEST_INT (`whole`: the place in degE7) and MISSION_REQUEST."""
     if sequence >= max(m.mission_count, 1):
         _acknowledge(m, MAV_MISSION_INVALID_SEQUENCE, 0, sender, part)
         return
@@ -119,10 +133,17 @@ def _send_item(m: Any, sequence: int, sender: int, part: int) -> None:
         command, frame, lat, lon = MAV_CMD_NAV_WAYPOINT, MAV_FRAME_GLOBAL, deg_e7(phi), deg_e7(psi)
     current = 1 if sequence == m.mission_current else 0
     p = float(r[P1]), float(r[P2]), float(r[P3]), float(r[_P4])
-    encode_mission_item_int(
-        m.payload, sender, part, sequence, frame, command, current, 1, p[0], p[1], p[2], p[3], lat, lon, z, 0
+    if whole:
+        encode_mission_item_int(
+            m.payload, sender, part, sequence, frame, command, current, 1, p[0], p[1], p[2], p[3], lat, lon, z, 0
+        )
+        send(m, _ITEM_INT)
+        return
+    x, y = 1e-7 * lat, 1e-7 * lon
+    encode_mission_item(
+        m.payload, sender, part, sequence, frame, command, current, 1, p[0], p[1], p[2], p[3], x, y, z, 0
     )
-    send(m, _ITEM_INT)
+    send(m, _ITEM)
 
 
 @kernel
@@ -147,8 +168,18 @@ def _begin_upload(m: Any, count: int, kind: int, sender: int, part: int, t: floa
 
 
 @kernel
+def set_current(m: Any, sequence: float) -> bool:
+    """Makes an item of the mission the current one; returns whether there is one of this number."""
+    if not 0.0 < sequence < m.mission_count:
+        return False
+    m.mission_current = int(sequence)
+    m.item_since = -1.0
+    return True
+
+
+@kernel
 def _tell_current(m: Any) -> None:
-    encode_mission_current(m.payload, m.mission_current, max(m.mission_count, 1) - 1, 0, 0)
+    put_mission_current(m)
     send(m, _CURRENT)
 
 
@@ -222,15 +253,18 @@ def mission_protocol(flown: Sequence[int]) -> Callable[[Any, int, int, int, floa
             _begin_upload(m, count, kind, sender, part, t)
         elif message == MISSION_REQUEST_LIST:
             _, _, kind = decode_mission_request_list(m.received)
-            if kind == MAV_MISSION_TYPE_MISSION:
-                encode_mission_count(m.payload, sender, part, m.mission_count, 0)
+            if kind <= MAV_MISSION_TYPE_RALLY:  # of fences and rally points, there are none
+                count = m.mission_count if kind == MAV_MISSION_TYPE_MISSION else 0
+                encode_mission_count(m.payload, sender, part, count, kind)
                 send(m, _COUNT)
             else:
                 _acknowledge(m, MAV_MISSION_UNSUPPORTED, kind, sender, part)
         elif message in (MISSION_REQUEST_INT, MISSION_REQUEST):
             _, _, sequence, kind = decode_mission_request(m.received)
             if kind == MAV_MISSION_TYPE_MISSION:
-                _send_item(m, sequence, sender, part)
+                if message == MISSION_REQUEST:
+                    say(m, MAV_SEVERITY_WARNING, USE_INT, 0)
+                _send_item(m, sequence, message == MISSION_REQUEST_INT, sender, part)
             else:
                 _acknowledge(m, MAV_MISSION_UNSUPPORTED, kind, sender, part)
         elif message == MISSION_CLEAR_ALL:
@@ -241,9 +275,7 @@ def mission_protocol(flown: Sequence[int]) -> Callable[[Any, int, int, int, floa
             _acknowledge(m, result, kind, sender, part)
         elif message == MISSION_SET_CURRENT:
             _, _, sequence = decode_mission_set_current(m.received)
-            if 0 < sequence < m.mission_count:
-                m.mission_current = sequence
-                m.item_since = -1.0
+            if set_current(m, float(sequence)):
                 _tell_current(m)
         return True
 

@@ -35,7 +35,7 @@ from cosim.messages import (
 )
 from cosim.model import record_layout
 from cosim.packets import get_u8, put_u8
-from cosim_models.autopilot.gcs.streams import can_answer, send
+from cosim_models.autopilot.gcs.sending import can_answer, send
 
 __all__ = ["parameter_protocol"]
 

@@ -95,7 +95,9 @@ def pilot_variables(
 
 
 _MEMORY = (
-    Memory("home", shape=3),  # m, NED: place of arming
+    Memory("home", shape=3),  # m, NED: place of arming, or that of DO_SET_HOME
+    Memory("home_set", dtype="?"),  # by DO_SET_HOME
+    Memory("ground_down"),  # m, where it was armed
     Memory("armed_at"),  # s
     Memory("guided_kind", dtype="i4"),
     Memory("guided_position", shape=3),  # m, NED
@@ -107,6 +109,11 @@ _MEMORY = (
     Memory("autonomous", dtype="?"),  # the mode is not flown by a pilot
     Memory("kind", dtype="i4"),  # MAV_TYPE
     Memory("vtol_state", dtype="i4"),  # MAV_VTOL_STATE
+    Memory("lifts", dtype="?"),  # it has motors that lift beside its wings
+    Memory("mission_count", dtype="i4"),  # with home, item 0
+    Memory("mission_current", dtype="i4"),
+    Memory("mission_done", dtype="?"),
+    Memory("mission_active", dtype="?"),  # the mode is AUTO
     Memory("next_due"),  # s, of the earliest stream
     Memory("told_armed", dtype="?"),
     Memory("told_mode", dtype="i4"),
@@ -120,9 +127,6 @@ _MEMORY = (
 )
 
 MISSION: tuple[Variable, ...] = (
-    Memory("mission_count", dtype="i4"),  # with home, item 0
-    Memory("mission_current", dtype="i4"),
-    Memory("mission_done", dtype="?"),
     Memory("item_since"),  # s, arrival at the current item; -1: not there
     Memory("uploading", dtype="?"),
     Memory("upload_count", dtype="i4", rare=True),

@@ -10,10 +10,12 @@ import numpy as np
 from cosim.kernel import kernel
 from cosim.messages import (
     ATTITUDE,
+    ATTITUDE_QUATERNION,
     AUTOPILOT_VERSION,
     EKF_STATUS_REPORT,
     EXTENDED_SYS_STATE,
     GLOBAL_POSITION_INT,
+    GPS_GLOBAL_ORIGIN,
     GPS_RAW_INT,
     HEARTBEAT,
     HOME_POSITION,
@@ -23,12 +25,15 @@ from cosim.messages import (
     MAV_DATA_STREAM_EXTRA2,
     MAV_DATA_STREAM_EXTRA3,
     MAV_DATA_STREAM_POSITION,
+    MAV_DATA_STREAM_RC_CHANNELS,
+    MISSION_CURRENT,
+    SERVO_OUTPUT_RAW,
     SYS_STATUS,
     SYSTEM_TIME,
     VFR_HUD,
 )
 
-__all__ = ["ROWS", "group_of", "message_of", "row_of"]
+__all__ = ["ROWS", "group_of", "is_absent", "message_of", "row_of"]
 
 _NONE = 0  # in no MAV_DATA_STREAM
 _TABLE = (
@@ -44,10 +49,51 @@ _TABLE = (
     (EXTENDED_SYS_STATE, _NONE),
     (HOME_POSITION, _NONE),
     (AUTOPILOT_VERSION, _NONE),
+    (MISSION_CURRENT, MAV_DATA_STREAM_EXTENDED_STATUS),
+    (SERVO_OUTPUT_RAW, MAV_DATA_STREAM_RC_CHANNELS),
+    (ATTITUDE_QUATERNION, _NONE),
+    (GPS_GLOBAL_ORIGIN, _NONE),
 )
 ROWS = len(_TABLE)
 _IDS = np.array([message for message, _ in _TABLE], dtype=np.int64)
 _GROUPS = np.array([group for _, group in _TABLE], dtype=np.int64)
+
+
+_ABSENT_IDS = (
+    22,
+    35,
+    83,
+    100,
+    124,
+    127,
+    128,
+    132,
+    136,
+    143,
+    162,
+    168,
+    173,
+    180,
+    191,
+    192,
+    194,
+    225,
+    226,
+    246,
+    259,
+    260,
+)
+_ABSENT = np.array((*_ABSENT_IDS, 262, 269, 271, 280, 285, 295, 301, 373))
+"""Ids of messages that ArduPilot knows and does not send, as that of which they tell is not on board."""
+
+
+@kernel
+def is_absent(message: float) -> bool:
+    """Returns whether ArduPilot accepts a request for a message and sends nothing."""
+    for i in range(_ABSENT.size):  # noqa: SIM110, a kernel
+        if _ABSENT[i] == message:
+            return True
+    return False
 
 
 @kernel

@@ -1,7 +1,7 @@
 """Messages of the small autopilots: HEARTBEAT once a second and at every change, streams at the requested rates.
 
 Kernels over the record that `gcs.record` declares. The contents are those of `Autopilot`; a new link gets only
-HEARTBEAT, as in ArduPilot.
+HEARTBEAT, as in ArduCopter. (ArduRover and ArduPlane send all streams at 1 Hz, which would fill the radio of a swarm.)
 
 Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common.
 """
@@ -17,15 +17,16 @@ from cosim.frames import deg_e7, euler_from_quaternion, geodetic_from_local
 from cosim.kernel import kernel
 from cosim.messages import (
     ATTITUDE,
+    ATTITUDE_QUATERNION,
     AUTOPILOT_VERSION,
     EKF_STATUS_REPORT,
     EXTENDED_SYS_STATE,
     GLOBAL_POSITION_INT,
+    GPS_GLOBAL_ORIGIN,
     GPS_RAW_INT,
     HEARTBEAT,
     HOME_POSITION,
     LOCAL_POSITION_NED,
-    MAV_COMP_ID_AUTOPILOT1,
     MAV_PROTOCOL_CAPABILITY_COMMAND_INT,
     MAV_PROTOCOL_CAPABILITY_MAVLINK2,
     MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT,
@@ -33,30 +34,40 @@ from cosim.messages import (
     MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT,
     MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT,
     MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED,
+    MAV_SEVERITY_INFO,
     MAV_STATE_ACTIVE,
     MAV_STATE_STANDBY,
     MAV_TYPE_GROUND_ROVER,
+    MAV_TYPE_QUADROTOR,
     MAV_TYPE_SURFACE_BOAT,
+    MISSION_CURRENT,
+    SERVO_OUTPUT_RAW,
     SYS_STATUS,
     VFR_HUD,
     encode_attitude,
+    encode_attitude_quaternion,
     encode_autopilot_version,
     encode_ekf_status_report,
     encode_extended_sys_state,
     encode_global_position_int,
+    encode_gps_global_origin,
     encode_gps_raw_int,
     encode_heartbeat,
     encode_home_position,
     encode_local_position_ned,
+    encode_mission_current,
+    encode_servo_output_raw,
     encode_sys_status,
     encode_system_time,
     encode_vfr_hud,
     put_home_position_q,
 )
-from cosim.packets import MAX_PACKET, clear, pack
+from cosim.packets import clear
 from cosim_models.autopilot.gcs.rows import ROWS, message_of
+from cosim_models.autopilot.gcs.sending import send
+from cosim_models.autopilot.gcs.words import ARMED, DISARMED, say
 
-__all__ = ["can_answer", "heading", "ready", "send", "send_message", "set_interval", "start_streams", "stream"]
+__all__ = ["heading", "put_mission_current", "ready", "send_message", "set_interval", "start_streams", "stream"]
 
 _SLACK = 1e-9  # s
 _SENSORS = 0x20002F  # MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, compass, barometer, GPS, AHRS
@@ -78,24 +89,6 @@ _HEARTBEAT = cast(int, np.int64(HEARTBEAT))
 
 
 @kernel
-def send(m: Any, message: int) -> bool:
-    """Appends m.payload as a packet; returns False if it does not fit."""
-    sender, used = m.SYSID_THISMAV, m.mavlink_tx_len
-    n = pack(m.mavlink_tx, used, m.payload, message, m.sequence, sender, MAV_COMP_ID_AUTOPILOT1, m.version)
-    if n < 0:
-        return False
-    m.mavlink_tx_len = n
-    m.sequence = (m.sequence + 1) & 0xFF
-    return True
-
-
-@kernel
-def can_answer(m: Any) -> bool:
-    """Returns whether there is room for a packet of any size."""
-    return bool(m.mavlink_tx_len + MAX_PACKET <= m.mavlink_tx.shape[0])
-
-
-@kernel
 def ready(m: Any, t: float) -> bool:
     """Returns whether the position is known."""
     return bool(t >= m.estimate_ready_time - _SLACK)
@@ -112,6 +105,32 @@ def _place(m: Any, p: Any) -> tuple[int, int, int]:
     """Returns latitude and longitude in degE7 and altitude above sea [mm] of a position in NED."""
     lat, lon, alt = geodetic_from_local(p[0], p[1], p[2], m.origin_latitude, m.origin_longitude, m.origin_altitude)
     return deg_e7(lat), deg_e7(lon), int(np.int64(math.floor(alt * 1e3 + 0.5)))
+
+
+@kernel
+def put_mission_current(m: Any) -> None:
+    """Fills m.payload with a MISSION_CURRENT: the item and its state, as ArduPilot tells them."""
+    count = max(m.mission_count, 1) - 1
+    state = 1 if count == 0 else 5 if m.mission_done else 3 if m.mission_active else 2
+    encode_mission_current(m.payload, m.mission_current, count, state, 1 if m.mission_active else 2)
+
+
+@kernel
+def _pulse(command: float) -> int:
+    return int(1000.0 + 1000.0 * command + 0.5)
+
+
+@kernel
+def _put_servos(m: Any, surface: bool, t: float) -> None:
+    """Fills m.payload with a SERVO_OUTPUT_RAW by the default outputs of ArduRover and ArduPlane."""
+    a, b, c, d = _pulse(m.motor[0]), _pulse(m.motor[1]), _pulse(m.motor[2]), _pulse(m.motor[3])
+    e, f, g, h = _pulse(m.motor[4]), _pulse(m.motor[5]), _pulse(m.motor[6]), _pulse(m.motor[7])
+    if surface:
+        a, b, c, d, e, f, g, h = a, 0, b, 0, 0, 0, 0, 0
+    elif m.kind != MAV_TYPE_QUADROTOR and not m.lifts:
+        e, f, g, h = 0, 0, 0, 0
+    microseconds = int(1e6 * t + 0.5)
+    encode_servo_output_raw(m.payload, microseconds, 0, a, b, c, d, e, f, g, h, 0, 0, 0, 0, 0, 0, 0, 0)
 
 
 @kernel
@@ -135,6 +154,10 @@ def _send_state(m: Any, row: int, t: float) -> bool:
     elif message == AUTOPILOT_VERSION:
         clear(m.payload, 0, 78)
         encode_autopilot_version(m.payload, _CAPABILITIES, _SOFTWARE, 0, 0, 0, 0, 0, m.SYSID_THISMAV)
+    elif message == MISSION_CURRENT:
+        put_mission_current(m)
+    elif message == SERVO_OUTPUT_RAW:
+        _put_servos(m, surface, t)
     else:
         encode_system_time(m.payload, 0, int(1e3 * t + 0.5))
     return send(m, message)
@@ -145,7 +168,7 @@ def _send_motion(m: Any, row: int, t: float) -> bool:
     """Sends the messages on the motion of the vehicle; true, too, if there is nothing to report yet."""
     message = message_of(row)
     known = ready(m, t)
-    if not known and message in (LOCAL_POSITION_NED, HOME_POSITION):
+    if not known and message in (LOCAL_POSITION_NED, HOME_POSITION, GPS_GLOBAL_ORIGIN):
         return True
     p, v = m.position, m.velocity
     lat, lon, alt = _place(m, m.home if message == HOME_POSITION else p)
@@ -171,6 +194,13 @@ def _send_motion(m: Any, row: int, t: float) -> bool:
         roll, pitch, _ = euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
         w = m.angular_velocity
         encode_attitude(m.payload, milliseconds, roll, pitch, heading(m), w[0], w[1], w[2])
+    elif message == ATTITUDE_QUATERNION:
+        q, w = m.attitude, m.angular_velocity
+        encode_attitude_quaternion(m.payload, milliseconds, q[0], q[1], q[2], q[3], w[0], w[1], w[2])
+    elif message == GPS_GLOBAL_ORIGIN:
+        lat, lon = deg_e7(m.origin_latitude), deg_e7(m.origin_longitude)
+        altitude = int(np.int64(math.floor(m.origin_altitude * 1e3 + 0.5)))
+        encode_gps_global_origin(m.payload, lat, lon, altitude, int(1e6 * t + 0.5))
     elif message == VFR_HUD:
         encode_vfr_hud(m.payload, speed, speed, int(yaw), 0, m.origin_altitude - p[2], -v[2])
     else:
@@ -190,6 +220,8 @@ def send_message(m: Any, row: int, t: float) -> bool:
         GPS_RAW_INT,
         LOCAL_POSITION_NED,
         ATTITUDE,
+        ATTITUDE_QUATERNION,
+        GPS_GLOBAL_ORIGIN,
         VFR_HUD,
         HOME_POSITION,
     ):
@@ -221,6 +253,8 @@ def set_interval(m: Any, row: int, interval: float, t: float) -> None:
 def stream(m: Any, t: float) -> None:
     """Sends the messages due at t."""
     changed = m.armed != m.told_armed or m.mode != m.told_mode
+    if m.armed != m.told_armed and m.kind != MAV_TYPE_QUADROTOR:
+        say(m, MAV_SEVERITY_INFO, ARMED if m.armed else DISARMED, 0)
     m.told_armed = m.armed
     m.told_mode = m.mode
     if changed:

@@ -20,6 +20,8 @@ from cosim.messages import (
     MAV_FRAME_GLOBAL_INT,
     MAV_FRAME_GLOBAL_RELATIVE_ALT,
     MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+    MAV_FRAME_GLOBAL_TERRAIN_ALT,
+    MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
     MAV_FRAME_LOCAL_NED,
     MAV_FRAME_LOCAL_OFFSET_NED,
     decode_set_position_target_global_int,
@@ -28,7 +30,7 @@ from cosim.messages import (
 from cosim_models.autopilot.gcs.record import ACCELERATION, HOLD, POSITION, POSITION_VELOCITY, VELOCITY
 from cosim_models.autopilot.gcs.streams import heading
 
-__all__ = ["global_target", "go_to", "hold_here", "is_place", "local_target", "locate"]
+__all__ = ["global_target", "go_to", "hold_here", "home_here", "is_place", "local_target", "locate"]
 
 _NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x0007, 0x0038, 0x01C0  # sums of POSITION_TARGET_TYPEMASK_*_IGNORE
 _FRAMES = (MAV_FRAME_LOCAL_NED, MAV_FRAME_LOCAL_OFFSET_NED, MAV_FRAME_BODY_NED, MAV_FRAME_BODY_OFFSET_NED)
@@ -41,15 +43,21 @@ def _is_relative(frame: int) -> bool:
 
 
 @kernel
+def _above_terrain(frame: int) -> bool:
+    """Returns whether heights in a frame refer to the terrain."""
+    return bool(frame in (MAV_FRAME_GLOBAL_TERRAIN_ALT, MAV_FRAME_GLOBAL_TERRAIN_ALT_INT))
+
+
+@kernel
 def is_place(frame: int, lat: int, lon: int, altitude: float) -> bool:
-    """Returns whether these are a place in a frame whose heights refer to the sea or to home."""
-    known = frame in (MAV_FRAME_GLOBAL, MAV_FRAME_GLOBAL_INT) or _is_relative(frame)
+    """Returns whether these are a place in a frame whose heights refer to the sea, to home or to the terrain."""
+    known = frame in (MAV_FRAME_GLOBAL, MAV_FRAME_GLOBAL_INT) or _is_relative(frame) or _above_terrain(frame)
     return bool(known and abs(lat) <= 900000000 and abs(lon) <= 1800000000 and math.isfinite(altitude))
 
 
 @kernel
 def locate(m: Any, frame: int, lat: int, lon: int, altitude: float) -> tuple[float, float, float]:
-    """Returns north, east and down of a place in degE7 and m."""
+    """Returns north, east and down of a place in degE7 and m. The terrain is a plane through the local origin."""
     relative = _is_relative(frame)
     n, e, d = local_from_geodetic(
         radians_from_deg_e7(lat),
@@ -57,9 +65,18 @@ def locate(m: Any, frame: int, lat: int, lon: int, altitude: float) -> tuple[flo
         altitude,
         m.origin_latitude,
         m.origin_longitude,
-        0.0 if relative else m.origin_altitude,
+        0.0 if relative or _above_terrain(frame) else m.origin_altitude,
     )
     return n, e, d + m.home[2] if relative else d
+
+
+@kernel
+def home_here(m: Any) -> None:
+    """Makes the present position home, unless a ground station has set it, and its height that of the ground."""
+    m.ground_down = m.position[2]
+    if not m.home_set:
+        for i in range(3):
+            m.home[i] = m.position[i]
 
 
 @kernel

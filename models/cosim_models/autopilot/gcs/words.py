@@ -1,0 +1,108 @@
+"""STATUSTEXTs of the small autopilots, in the words of ArduRover and ArduPlane.
+
+A text is sent at once. Source: the texts of ArduPilot 4.7-dev, as heard from its programs.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.kernel import kernel
+from cosim.messages import STATUSTEXT, encode_statustext, put_statustext_text
+from cosim_models.autopilot.gcs.sending import send
+
+__all__ = [
+    "ARMED",
+    "CALIBRATION_ARMED",
+    "COMPASS_ARMED",
+    "DESTINATION",
+    "DISARMED",
+    "MISSION_COMPLETE",
+    "MISSION_DONE",
+    "MODE_FAILED",
+    "NO_MESSAGE",
+    "NO_MISSION",
+    "NO_MODE",
+    "NO_Q_MODES",
+    "NO_VTOL",
+    "PLANE",
+    "REACHED",
+    "ROVER",
+    "UNKNOWN_FRAME",
+    "USE_INT",
+    "say",
+]
+
+_WORDS = (
+    "Throttle armed",
+    "Throttle disarmed",
+    "No such mode %",
+    "Flight mode change failed",
+    "No Mission. Can't set AUTO.",
+    "Reached waypoint #%",
+    "Reached destination",
+    "Disarm to allow calibration",
+    "Disarm to allow compass calibration",
+    "got MISSION_REQUEST; use MISSION_REQUEST_INT!",
+    "Unknown mavlink coordinate frame %",
+    "No ap_message for mavlink id (%)",
+    "Q_ENABLE 0",
+    "Mission Complete",
+    "Mission complete, changing mode to RTL",
+    "VTOL not available",
+    "ArduRover V4.7.0-dev (90700977)",
+    "ArduPlane V4.7.0-dev (90700977)",
+)
+(
+    ARMED,
+    DISARMED,
+    NO_MODE,
+    MODE_FAILED,
+    NO_MISSION,
+    REACHED,
+    DESTINATION,
+    CALIBRATION_ARMED,
+    COMPASS_ARMED,
+    USE_INT,
+    UNKNOWN_FRAME,
+    NO_MESSAGE,
+    NO_Q_MODES,
+    MISSION_DONE,
+    MISSION_COMPLETE,
+    NO_VTOL,
+    ROVER,
+    PLANE,
+) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
+_SIZE = 50
+_TEXT = np.zeros((len(_WORDS), _SIZE), np.uint8)
+for _row, _words in enumerate(_WORDS):
+    _TEXT[_row, : len(_words)] = np.frombuffer(_words.encode(), np.uint8)
+_STATUSTEXT = cast(int, np.int64(STATUSTEXT))
+_PERCENT = 37  # "%"
+
+
+@kernel
+def say(m: Any, severity: int, text: int, number: int) -> None:
+    """Sends a STATUSTEXT, with `number`, 0 or more, in the place of its "%". If there is no room, it is left out."""
+    encode_statustext(m.payload, severity, 0, 0)
+    at = 0
+    for i in range(_SIZE):
+        put_statustext_text(m.payload, i, 0)
+    for i in range(_SIZE):
+        byte = int(_TEXT[text, i])
+        if byte == 0:
+            break
+        if byte != _PERCENT:
+            put_statustext_text(m.payload, at, byte)
+            at += 1
+            continue
+        unit = 1
+        while unit * 10 <= number:
+            unit *= 10
+        while unit > 0:
+            put_statustext_text(m.payload, at, 48 + number // unit % 10)
+            at += 1
+            unit //= 10
+    send(m, _STATUSTEXT)
