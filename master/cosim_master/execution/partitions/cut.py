@@ -18,6 +18,8 @@ from pathlib import Path
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import matching
+from cosim_master.execution.partitions.hearing import reach_of
+from cosim_master.execution.partitions.nearness import cut_by_places, places_of
 from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.run.opening import Share
 from cosim_master.stepping.layout import Layout
@@ -139,7 +141,7 @@ def cut(ready: Prepared, parts: int, assignment: Assignment | None = None) -> Cu
             if len(set(joined)) < len(units.names):
                 text += f", of which undelayed connections join some: {len(set(joined))} can be apart"
             problems.append(Problem(where, f"--partitions: {text}; give fewer parts"))
-        chosen = _chosen(ready.network, units, joined, min(parts, max(1, len(set(joined)))))
+        chosen = _chosen(ready, units, joined, min(parts, max(1, len(set(joined)))))
     of_instance = tuple(chosen[u] for u in units.of_instance)
     problems += [Problem(link, f"--partitions: {text}") for link, text in _undelayed(ready, of_instance)]
     of_node = tuple(chosen[u] for u in units.of_node)
@@ -323,11 +325,20 @@ def _assigned(units: _Units, assignment: Assignment, parts: int) -> tuple[list[i
     return [part or 0 for part in chosen], problems
 
 
-def _chosen(network: Network, units: _Units, joined: Sequence[int], parts: int) -> list[int]:
-    """Returns the part of each unit: connected ones in one part, about as many instances in each, few links cut."""
+def _chosen(ready: Prepared, units: _Units, joined: Sequence[int], parts: int) -> list[int]:
+    """Returns the part of each unit: connected ones in one part, about as many instances in each, few links cut.
+
+    Without listed links, units that are near each other are in one part if only they can hear each other.
+    """
+    network = ready.network
     weight: dict[int, int] = dict.fromkeys(joined, 0)
     for u in units.of_instance:
         weight[joined[u]] += 1
+    if network.topology != "listed" and reach_of(network) < math.inf:
+        places = places_of(ready.checked, [joined[u] for u in units.of_instance])
+        if places:
+            near = cut_by_places(weight, places, parts)
+            return [near[u] for u in joined]
     edges: dict[int, dict[int, int]] = {u: {} for u in weight}
     for a, b in _numbered(network):
         one, other = joined[units.of_node[a]], joined[units.of_node[b]]
