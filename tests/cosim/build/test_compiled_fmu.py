@@ -371,7 +371,7 @@ def test_all_other_targets(samples: SimpleNamespace, tmp_path: Path) -> None:
 def assert_dylib(data: bytes, machine: int) -> None:
     magic, cpu, _, kind = struct.unpack_from("<IIII", data)
     assert (magic, cpu, kind) == (0xFEEDFACF, machine, 6)  # MH_DYLIB
-    found = set(re.findall(rb"\0_(fmi2\w+)\0", data.replace(b"\0", b"\0\0")))
+    found = set(re.findall(rb"\0_((?:fmi2|uav_)\w+)\0", data.replace(b"\0", b"\0\0")))
     assert {name.decode() for name in found} >= EXPORTED
 
 
