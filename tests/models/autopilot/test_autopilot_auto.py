@@ -100,6 +100,27 @@ def test_the_way_from_within_a_circle_to_its_edge_keeps_the_heading() -> None:
 # ---- beside the flight ---------------------------------------------------------------------------------------------
 
 
+def test_the_height_is_reached_while_it_loiters() -> None:
+    """LOITER_TO_ALT is over within 5 cm of the height; the rest of the climb is above the place, not on the way."""
+    to_height = mavlink.MAV_CMD_NAV_LOITER_TO_ALT
+    copter = flying(item(1, to_height, north=6.0, z=16.0), item(2, mavlink.MAV_CMD_NAV_WAYPOINT, north=30.0, z=16.0))
+    while not reached(copter):
+        copter.run(0.01)
+        assert copter.time < 60.0
+    n, e, d = copter.v["position"]
+    assert -d == pytest.approx(16.0, abs=0.06)
+    assert math.hypot(n - 6.0, e) < 2.1
+    assert copter.time > 12.1 + 4.0  # no faster than 2.5 m/s
+    copter.run(20.0)
+    assert reached(copter) == [1, 2]
+    assert copter.v["position"] == pytest.approx([30.0, 0.0, -16.0], abs=0.3)
+    low = flying(item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=3.0, z=6.0), item(2, to_height, north=6.0, z=3.0))
+    low.run(25.0)
+    assert reached(low) == [1, 2]
+    assert "Mission: 2 LoitAltitude" in texts(low)
+    assert low.v["position"][2] == pytest.approx(-3.0, abs=0.15)
+
+
 def test_a_delay_and_what_follows_it_run_beside_the_flight() -> None:
     """Item 2 to 4 are begun when item 1 has been reached, and done on the way to item 5."""
     copter = flying(

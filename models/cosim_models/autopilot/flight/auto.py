@@ -49,6 +49,7 @@ from cosim.messages import (
     MAV_CMD_NAV_LAND,
     MAV_CMD_NAV_LAST,
     MAV_CMD_NAV_LOITER_TIME,
+    MAV_CMD_NAV_LOITER_TO_ALT,
     MAV_CMD_NAV_LOITER_TURNS,
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
@@ -74,7 +75,16 @@ from cosim_models.autopilot.flight.guided import (
 from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo
 from cosim_models.autopilot.flight.plans.order import in_landing_sequence, is_nowhere, next_command, place, place_from
 from cosim_models.autopilot.flight.state import disarm
-from cosim_models.autopilot.flight.waypoints import add_leg, fly_leg, leave_legs, respeed_legs, set_leg, start_legs_at
+from cosim_models.autopilot.flight.waypoints import (
+    add_leg,
+    change_height,
+    fly_leg,
+    is_above,
+    leave_legs,
+    respeed_legs,
+    set_leg,
+    start_legs_at,
+)
 from cosim_models.autopilot.flight.yaw import (
     circle_nose,
     default_nose,
@@ -147,10 +157,12 @@ _COMMANDS = np.array(
         MAV_CMD_VIDEO_START_CAPTURE,
         MAV_CMD_VIDEO_STOP_CAPTURE,
         MAV_CMD_DO_WINCH,
+        MAV_CMD_NAV_LOITER_TO_ALT,
     ),
     dtype=np.int64,
 )  # in the order of MISSION_TEXTS
 _LEAST_CLIMB = 1.0  # m of a take-off from the ground
+_SAME_HEIGHT = 0.05  # m
 _AT_CENTRE = 3.0  # m from a circle's centre within which the circle begins at once
 _LOOK_AT_EDGE = 5.0  # m from the circle beyond which the vehicle faces its edge during the approach
 _FINISHED = -1  # m.auto_command when the mission is finished
@@ -337,6 +349,8 @@ def _is_done(m: Any, t: float) -> bool:
         return bool(m.auto_stage == _THERE and t - m.auto_since >= hold)
     if command == MAV_CMD_NAV_LOITER_TURNS:
         return _has_gone_round(m)
+    if command == MAV_CMD_NAV_LOITER_TO_ALT:
+        return bool(m.auto_stage == _THERE and abs(m.guided_position_neu[2] - m.position_neu[2]) < _SAME_HEIGHT)
     if command == MAV_CMD_NAV_DELAY:
         return bool(t - m.auto_since >= hold)
     if command == MAV_CMD_NAV_LAND:
@@ -490,8 +504,13 @@ def run_auto(m: Any, t: float, dt: float) -> None:
     elif m.auto_command == MAV_CMD_NAV_LOITER_TURNS and m.auto_stage == _THERE:
         m.spool_wanted = THROTTLE_UNLIMITED
         go_round(m, 0.0, dt)
+    elif m.auto_command == MAV_CMD_NAV_LOITER_TO_ALT and m.auto_stage == _THERE:
+        change_height(m, dt)
     else:
         fly_leg(m, dt)
+        if m.auto_command == MAV_CMD_NAV_LOITER_TO_ALT and is_above(m):
+            leave_legs(m)
+            m.auto_stage = _THERE
         if m.auto_command == MAV_CMD_NAV_LAND and m.leg_reached:
             leave_legs(m)
             m.auto_stage = _THERE

@@ -18,7 +18,15 @@ from typing import Any
 
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.motors import THROTTLE_UNLIMITED
-from cosim_models.autopilot.control.position import control_ne, control_up, initialise_up, stop_ne, stopping_ne
+from cosim_models.autopilot.control.position import (
+    control_ne,
+    control_up,
+    initialise_up,
+    seek_velocity_ne,
+    seek_velocity_up,
+    stop_ne,
+    stopping_ne,
+)
 from cosim_models.autopilot.control.scurve import (
     CLIMB_ACCEL,
     CLOCK,
@@ -36,10 +44,21 @@ from cosim_models.autopilot.control.scurve import (
     plan_leg,
     top_speed,
 )
-from cosim_models.autopilot.control.shaping import clip, inverse_sqrt_controller, shape_velocity
+from cosim_models.autopilot.control.shaping import clip, inverse_sqrt_controller, shape_velocity, sqrt_controller
 from cosim_models.autopilot.flight.yaw import lean
 
-__all__ = ["add_leg", "advance_legs", "fly_leg", "leave_legs", "respeed_legs", "set_leg", "start_legs", "start_legs_at"]
+__all__ = [
+    "add_leg",
+    "advance_legs",
+    "change_height",
+    "fly_leg",
+    "is_above",
+    "leave_legs",
+    "respeed_legs",
+    "set_leg",
+    "start_legs",
+    "start_legs_at",
+]
 
 _LAST, _THIS, _NEXT = 0, 1, 2
 _SAME = 1e-6  # difference of destinations [m] or speeds [1] that counts as none
@@ -309,6 +328,26 @@ def fly_leg(m: Any, dt: float) -> None:
     """Performs one step along the legs."""
     m.spool_wanted = THROTTLE_UNLIMITED
     advance_legs(m, dt)
+    control_ne(m, dt)
+    control_up(m, dt)
+    lean(m, dt)
+
+
+@kernel
+def is_above(m: Any) -> bool:
+    """Returns whether the destination is within WPNAV_RADIUS, whatever the height."""
+    n, e = m.guided_position_neu[0] - m.position_neu[0], m.guided_position_neu[1] - m.position_neu[1]
+    return bool(n * n + e * e <= (0.01 * m.WPNAV_RADIUS) ** 2)
+
+
+@kernel
+def change_height(m: Any, dt: float) -> None:
+    """Stops, and moves to the height of the destination."""
+    m.spool_wanted = THROTTLE_UNLIMITED
+    left = m.guided_position_neu[2] - m.position_neu[2]
+    rate = clip(sqrt_controller(left, m.PSC_POSZ_P, m.accel_up, dt), -m.speed_down, m.speed_up)
+    seek_velocity_ne(m, 0.0, 0.0, 0.0, 0.0, dt)
+    seek_velocity_up(m, rate, 0.0, False, dt)
     control_ne(m, dt)
     control_up(m, dt)
     lean(m, dt)

@@ -51,6 +51,7 @@ from cosim.messages import (
     MAV_CMD_NAV_DELAY,
     MAV_CMD_NAV_LAND,
     MAV_CMD_NAV_LOITER_TIME,
+    MAV_CMD_NAV_LOITER_TO_ALT,
     MAV_CMD_NAV_LOITER_TURNS,
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_NAV_RALLY_POINT,
@@ -186,6 +187,7 @@ _FLOWN = np.array(
         MAV_CMD_VIDEO_START_CAPTURE,
         MAV_CMD_VIDEO_STOP_CAPTURE,
         MAV_CMD_DO_WINCH,
+        MAV_CMD_NAV_LOITER_TO_ALT,
     ),
     dtype=np.int64,
 )
