@@ -113,7 +113,7 @@ def test_the_height_is_reached_while_it_loiters() -> None:
     assert copter.time > 12.1 + 4.0  # no faster than 2.5 m/s
     copter.run(20.0)
     assert reached(copter) == [1, 2]
-    assert copter.v["position"] == pytest.approx([30.0, 0.0, -16.0], abs=0.3)
+    assert copter.v["position"] == pytest.approx([30.0, 0.0, -16.0], abs=0.6)  # it passes the last place
     low = flying(item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=3.0, z=6.0), item(2, to_height, north=6.0, z=3.0))
     low.run(25.0)
     assert reached(low) == [1, 2]
