@@ -26,7 +26,7 @@ pytestmark = [
     pytest.mark.alone,
     pytest.mark.slow,
     pytest.mark.skipif(
-        not all(PROGRAM.with_name(name).is_file() for name in ("ardurover", "arduplane")),
+        not all((PROGRAM.parent / name).is_file() for name in ("ardurover", "arduplane")),
         reason="there is no ardurover and arduplane beside ARDUPILOT_SITL",
     ),
 ]
