@@ -16,7 +16,8 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 unexport PYTHONDONTWRITEBYTECODE
 
 # Tests wait for processes and clocks: with one worker more than cores, all cores are busy.
-WORKERS = $(shell $(BIN)/python -c 'import os; print((os.cpu_count() or 1) + 1)')
+# Asked of the Python at hand: make expands the lines of a rule before .venv is there.
+WORKERS = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 
 # Tests that wait for other programs and hardly compute; their files are named, so that no others are collected.
 ALONE = -m alone $(shell grep -rl --include='test_*.py' 'mark\.alone' tests) $(if $(ARDUPILOT_SITL),,-n 3 --dist load)
