@@ -12,7 +12,7 @@ from importlib.metadata import version
 from cosim_master.campaigns.metrics.built_in import players_of
 from cosim_master.campaigns.refusal import refusal
 from cosim_master.campaigns.study.study import Planned, Study
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.execution.outcome.manifest import digest_of_system
 from cosim_master.execution.preparation.fingerprint import fingerprint_of
 from cosim_master.execution.preparation.prepare import Prepared, prepare
@@ -54,7 +54,10 @@ def look_at(study: Study, run: Planned) -> Place:
     start, later = study.split(run.values)
     with read_system(study.system, study.variant) as read:
         structure = read if study.solver is None else as_model_exchange(read)
-        checked = check(structure, full_names(structure, start))
+        try:
+            checked = check(structure, full_names(structure, start))
+        except SystemDescriptionError as error:
+            raise _of_factors(error, study) from None
         named = [(when, name, text) for when, values in later.items() for name, text in values.items()]
         set_later = [*study.at, *(one for one in named if not is_setting(one[1]))]
         at = [(when, *one) for when, name, text in set_later for one in full_names(structure, {name: text}).items()]
@@ -100,6 +103,14 @@ def _identity(checked: CheckedSystem) -> str:
     for one in checked.instances:
         digest.update(f"{one.name} {one.fmu.digest}\n".encode())
     return digest.hexdigest()[:16]
+
+
+def _of_factors(error: SystemDescriptionError, study: Study) -> SystemDescriptionError:
+    """Returns the error with each problem of a factor under the option that the factor was written for."""
+    names = [one.name for one in study.factors]
+    own = [one.where.path == "--set" and any(name in one.message for name in names) for one in error.problems]
+    found = zip(error.problems, own, strict=True)
+    return SystemDescriptionError([Problem(Where("--vary"), one.message) if mine else one for one, mine in found])
 
 
 def _refuse_times(study: Study, ready: Prepared) -> None:
