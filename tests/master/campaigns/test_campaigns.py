@@ -169,7 +169,10 @@ def test_a_worker_with_other_files_is_refused(fmus: Path) -> None:
 @pytest.mark.parametrize(
     ("study", "says"),
     [
-        (Study(system="line5", factors=(Factor.parsed("drone*.agent.epsion=1,2"),)), '^--vary: .*did you mean "drone.*epsilon"'),
+        (
+            Study(system="line5", factors=(Factor.parsed("drone*.agent.epsion=1,2"),)),
+            '^--vary: .*did you mean "drone.*epsilon"',
+        ),
         (Study(system="line5", metrics=metrics("max(drone9.vehicle.position[2])")), "there is no signal"),
         (Study(system="line5", factors=(Factor.parsed("drone1.vehicle.wind[1]@90=1,2"),)), "from 0 to 84.9975 s"),
         (Study(system="line5", factors=(Factor.parsed("network.loss@90=0,1"),)), "not between 0 and 85 s"),

@@ -101,7 +101,7 @@ def test_missions_and_fences_do_not_disturb_each_other(copter: Copter) -> None:
     assert (copter.m["mission_count"], copter.m["fence_count"]) == (3, 4)
     copter.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
     copter.run(0.01)
-    assert (copter.m["mission_count"], copter.m["fence_count"]) == (1, 4)
+    assert (copter.m["mission_count"], copter.m["fence_count"]) == (0, 4)
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,8 @@ def test_points_come_back_as_they_went(copter: Copter) -> None:
         assert (back.seq, back.mission_type, back.current, back.autocontinue) == (one.seq, RALLY, 0, 0)
         back, *_ = replies(copter, mavlink.MAVLink_mission_request_message(1, 1, one.seq, RALLY))
         assert (back.get_type(), back.x) == ("MISSION_ITEM", pytest.approx(one.x * 1e-7, rel=1e-6))
-    (wrong,) = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, 3, RALLY))
+    count, wrong = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, 3, RALLY))
+    assert (count.get_type(), count.count) == ("MISSION_COUNT", 3)
     assert (wrong.get_type(), wrong.type, wrong.mission_type) == ("MISSION_ACK", 13, RALLY)
 
 
