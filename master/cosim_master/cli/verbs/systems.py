@@ -245,6 +245,8 @@ def graph(
         from cosim_master.system.authoring.draw import graph as drawing
         from cosim_master.system.reading.read import read_system
 
+        if file is not None and file.suffix.lower() != ".svg":
+            raise usage(f"{file}: graph writes SVG; give the file a name that ends in .svg")
         doing.stage(f"drawing {system}")
         with read_system(system, variant) as structure:
             target = file or Path(f"{structure.name}.svg".replace("/", "_"))

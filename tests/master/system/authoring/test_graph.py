@@ -171,6 +171,13 @@ def test_the_command(nested: Path, tmp_path: Path) -> None:
         graph(structure)
 
 
+def test_no_other_file_gets_svg(nested: Path, tmp_path: Path) -> None:
+    file = tmp_path / "n.png"
+    done = CliRunner().invoke(app, ["graph", str(nested), "-o", str(file)])
+    assert (done.exit_code, file.exists()) == (2, False)
+    assert "graph writes SVG; give the file a name that ends in .svg" in " ".join(done.stderr.split())
+
+
 def test_arrays_are_one_connector_and_one_wire(workshop: Any, variable: Any) -> None:
     workshop.fmu(
         "unit.fmu", *(variable(f"u[{i}]") for i in (1, 2, 3)), *(variable(f"y[{i}]", "output") for i in (1, 2, 3))
