@@ -456,6 +456,8 @@ def test_an_fmu_that_ends_the_process(tmp_path: Path, probes: Any) -> None:
     """With code 0, as if all were well: the manifest says that it is not, and the rows before are there."""
     source = """
     import os, time
+    from pathlib import Path
+    from cosim_master.results.storage.journal import read_journal
     from pythonfmu import Fmi2Causality, Fmi2Slave, Real
 
     class Ending(Fmi2Slave):
@@ -466,8 +468,12 @@ def test_an_fmu_that_ends_the_process(tmp_path: Path, probes: Any) -> None:
 
         def do_step(self, t, h):
             if t == 2.0:
-                time.sleep(0.6)
+                time.sleep(0.6)  # longer than the run keeps rows to itself
             if t == 3.0:
+                for _ in range(12_000):
+                    if read_journal(Path("out/unfinished/signals.arrows")).num_rows >= 6:
+                        break
+                    time.sleep(0.01)
                 os._exit(0)
             return True
     """
