@@ -18,7 +18,6 @@ import os
 import shlex
 import shutil
 import socket
-import subprocess
 import tempfile
 import time
 import weakref
@@ -34,6 +33,7 @@ from cosim.verdict import Bound, Role
 from cosim_models.ardupilot.access import QuickAccess
 from cosim_models.ardupilot.firmware import FRAMES, Firmware, Frame, program_of, put_commands
 from cosim_models.ardupilot.json_interface import PORT, Link, Servos
+from cosim_models.ardupilot.program import Program
 from cosim_models.ardupilot.replies import MOTION, REPLY_SIZE, put_reply
 
 __all__ = ["ArduPilotSITL"]
@@ -290,7 +290,7 @@ class ArduPilotSITL(QuickAccess, Model):
     def _begin(self) -> None:
         m = self.m
         number = int(m.instance) if m.instance >= 0 else int(m.SYSID_THISMAV) - 1
-        self._process: subprocess.Popen[bytes] | None = None
+        self._program: Program | None = None
         self._prepare()
         self._serial = _Serial()
         port = PORT + 10 * number if m.attach else 0  # an ArduPilot started here is told the port
@@ -298,15 +298,15 @@ class ArduPilotSITL(QuickAccess, Model):
             self._link = Link(port)
         except OSError as error:
             raise RuntimeError(f"UDP port {port} of instance {number} cannot be opened: {error.strerror}") from None
-        processes: list[subprocess.Popen[bytes]] = []
+        programs: list[Program] = []
         folder = Path(self.strings["folder"] or tempfile.mkdtemp(prefix=f"ardupilot-{number}-")).resolve()
         passing = None if self.strings["folder"] else folder
-        self._end = weakref.finalize(self, _end, self._link, self._serial, processes, passing)
+        self._end = weakref.finalize(self, _end, self._link, self._serial, programs, passing)
         try:
             if m.attach:
                 self._serial.connect(_SERIAL + 10 * number, float(m.start_timeout))
             else:
-                processes.append(self._start(number, folder))
+                programs.append(self._start(number, folder))
             self._set_motors(self._link.next(float(m.start_timeout), self._alive))
         except BaseException:
             self._end()
@@ -325,7 +325,7 @@ class ArduPilotSITL(QuickAccess, Model):
         self._clock, self._lost, self._restarts = self.one("clock"), self.one("lost"), self.one("restarts")
         self._limit = float(m["step_timeout"])
 
-    def _start(self, number: int, folder: Path) -> subprocess.Popen[bytes]:
+    def _start(self, number: int, folder: Path) -> Program:
         strings = self.strings
         executable = strings["executable"] or os.environ.get("ARDUPILOT_SITL", "")
         if not executable:
@@ -336,19 +336,13 @@ class ArduPilotSITL(QuickAccess, Model):
         folder.mkdir(parents=True, exist_ok=True)
         frame = folder / "frame.parm"
         frame.write_text(self._frame.parameters)
-        self._log_file = folder / "ardupilot.log"
-        arguments = self._arguments(number, [*_defaults(strings["defaults"], path, self._frame.firmware), frame])
-        with self._log_file.open("wb") as log:
-            self._process = subprocess.Popen(
-                [str(path), *arguments],
-                cwd=folder,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                process_group=0,  # Ctrl-C in a terminal is for the run, which then ends ArduPilot
-            )
-        self.log(f"started: {shlex.join([str(path), *arguments])} in {folder}")
-        return self._process
+        command = [
+            str(path),
+            *self._arguments(number, [*_defaults(strings["defaults"], path, self._frame.firmware), frame]),
+        ]
+        self._program = Program(command, folder, folder / "ardupilot.log")
+        self.log(f"started: {shlex.join(command)} in {folder}")
+        return self._program
 
     def _arguments(self, number: int, defaults: list[Path]) -> list[str]:
         m = self.m
@@ -367,10 +361,8 @@ class ArduPilotSITL(QuickAccess, Model):
 
     def _alive(self) -> None:
         self._serial.receive(self._sent.size)  # a restarted ArduPilot may wait for a connection
-        if self._process is not None and self._process.poll() is not None:
-            last = self._log_file.read_text(errors="replace").splitlines()[-5:]
-            text = f"ArduPilot exited with code {self._process.returncode}; its last output: {' / '.join(last)}"
-            raise RuntimeError(text)
+        if self._program is not None and (how := self._program.ended()):
+            raise RuntimeError(f"ArduPilot exited with {how}")
 
     def do_step(self, t: float, h: float) -> bool:
         """Lets ArduPilot's clock advance to t + h. The resulting servo outputs are read when outputs are requested.
@@ -444,12 +436,11 @@ class ArduPilotSITL(QuickAccess, Model):
             self._end()
 
 
-def _end(link: Link, serial: _Serial, processes: list[subprocess.Popen[bytes]], passing: Path | None) -> None:
+def _end(link: Link, serial: _Serial, programs: list[Program], passing: Path | None) -> None:
     link.close()
     serial.close()
-    for process in processes:
-        process.kill()  # without replies it does not process milder signals
-        process.wait(10)
+    for program in programs:
+        program.end()
     if passing is not None:
         shutil.rmtree(passing, ignore_errors=True)
 

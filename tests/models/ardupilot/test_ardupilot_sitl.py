@@ -400,7 +400,7 @@ def test_the_firmware_beside_arducopter_is_started(
     another.begin()
     given = another.log()[0]
     assert Path(given["defaults"].split(",")[-1]).read_text() == parameters
-    assert another.slave._process.args[0] == str(tmp_path / program)
+    assert another.slave._program.command[0] == str(tmp_path / program)
     for k in range(3):
         another.step(k, height=50.0)
     surface = airframe in (Airframe.rover, Airframe.boat)
@@ -495,12 +495,12 @@ def test_it_ends_when_the_run_does(flight: Any, folder: str | None, tmp_path: Pa
     if folder is not None:
         one.set(folder=folder)
     one.begin()
-    process = one.slave._process
-    ran_in = Path(f"/proc/{process.pid}/cwd").readlink()
+    process = Path(f"/proc/{one.slave._program.pid}")
+    ran_in = (process / "cwd").readlink()
     assert (ran_in / "frame.parm").is_file()
     assert (ran_in == tmp_path / "run") == (folder is None)
     one.slave.terminate()
-    assert process.poll() is not None
+    assert not process.exists()
     one.slave.terminate()
     assert ran_in.exists() == (folder is None)
 
