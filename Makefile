@@ -20,9 +20,10 @@ unexport PYTHONDONTWRITEBYTECODE
 WORKERS = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 
 # Tests that wait for other programs and hardly compute; their files are named, so that no others are collected.
+# Real ArduCopters compute much: with them, these tests are run behind the others instead of beside them.
 ALONE = -m alone $(shell grep -rl --include='test_*.py' 'mark\.alone' tests) $(if $(ARDUPILOT_SITL),,-n 3 --dist load)
 
-.PHONY: demo test fmus lint compiled-tests docs wheel sdist clean
+.PHONY: demo test fmus lint compiled-tests side-by-side alone docs wheel sdist clean
 
 demo: $(VENV)/installed
 	$(COSIM) build line5 -o fmus
@@ -35,8 +36,15 @@ fmus: $(VENV)/installed
 # FMUs are built while the packages of tests are installed.
 test:
 	$(MAKE) -j 3 fmus lint compiled-tests
-	$(BIN)/python -m pytest -m 'not alone' -n $(WORKERS) --dist loadfile --no-loadscope-reorder
-	$(BIN)/python -m pytest $(ALONE)
+	$(MAKE) -j $(if $(ARDUPILOT_SITL),1,2) side-by-side alone
+
+# They give way to those that talk with other programs while the clock runs.
+side-by-side:
+	nice $(BIN)/python -m pytest -m 'not alone' -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+
+# Their report comes at their end, not between the lines of the others.
+alone:
+	$(BIN)/python -m pytest $(ALONE) > $(VENV)/alone 2>&1; code=$$?; cat $(VENV)/alone; exit $$code
 
 # Once, and not by each worker.
 compiled-tests: $(VENV)/tested
