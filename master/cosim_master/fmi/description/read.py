@@ -45,7 +45,18 @@ from cosim_master.fmi.description.source_files import SourceFiles, configured, l
 from cosim_master.fmi.description.units import BASE_UNITS, BaseUnit, Unit
 from cosim_master.fmi.description.variables import Capabilities, Clock, FmuDescription, ModelExchange, Start, Variable
 
-__all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable", "describe", "extract", "platform", "runner"]
+__all__ = [
+    "Capabilities",
+    "Clock",
+    "FmuDescription",
+    "Start",
+    "Variable",
+    "describe",
+    "extract",
+    "mentions",
+    "platform",
+    "runner",
+]
 
 _MAX_DESCRIPTION_BYTES = 128 << 20
 _LIBRARY_SUFFIX = {"linux": ".so", "win": ".dll", "darwin": ".dylib"}
@@ -122,6 +133,20 @@ def _described(path: Path, sizes: Mapping[str, int] | None, implementation: str,
         raise SystemDescriptionError(reading.problems)
     terminals = _terminals(Path(path), shown, reading) if reading.fmi == 3 else {}
     return reading.description(Path(path), cast(str, library), terminals)
+
+
+def mentions(path: Path, name: str) -> bool:
+    """Returns whether an FMU may have a variable of this name: false if its description has no such attribute.
+
+    `describe` takes seconds for 50,000 variables.
+
+    Raises:
+        SystemDescriptionError: the file is not a ZIP archive, or has a description that is too large.
+    """
+    data = archive.read_member(path, "modelDescription.xml", str(path), limit=_MAX_DESCRIPTION_BYTES)
+    if data is None or not name.isidentifier():  # other names may be escaped
+        return data is not None
+    return re.search(rf"""\sname\s*=\s*(["']){name}\1""".encode(), data) is not None
 
 
 def extract(description: FmuDescription, directory: Path) -> Path:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cosim.verdict import Values
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.fmi.description.read import FmuDescription, describe
+from cosim_master.fmi.description.read import FmuDescription, describe, mentions
 from cosim_master.system import shipped
 from cosim_master.system.structure import System
 
@@ -73,6 +73,8 @@ def _fitting(name: str, values: set[int], like: set[str], folders: Iterable[Path
                 continue
             seen.add(file.name)
             try:
+                if not mentions(file, name):
+                    continue
                 fmu = describe(file)
             except SystemDescriptionError:  # not an FMU of ours: its own problem
                 continue

@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 
 from cosim.verdict import Values
+from cosim_master.fmi.description.read import describe, mentions
 from cosim_master.system import shipped
+from cosim_master.system.authoring import fitting
 from cosim_master.system.authoring.fitting import companions, misfits
 from cosim_master.system.authoring.swap import swap
 from cosim_master.system.flatten.check import check
@@ -72,6 +74,17 @@ def test_the_fmu_that_accepts_a_vehicle_is_found(fmus: Path) -> None:
         one.verdicts, one.variables = {"airframe": Values((value,))}, {"airframe": SimpleNamespace(causality=causality)}
     found = companions(SimpleNamespace(connections=[port]), parts, ["body"], [fmus])
     assert {name: one.path.name for name, one in found.items()} == {"brain": "RoverAutopilot.fmu"}
+
+
+def test_only_fmus_that_mention_the_input_are_read(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names that may be escaped in a description are no reason to leave an FMU out."""
+    read: list[str] = []
+    monkeypatch.setattr(fitting, "describe", lambda file: read.append(file.stem) or describe(file))
+    found = fitting._fitting("airframe", {6}, {"airframe"}, [fmus])
+    assert found is not None and found.path.stem == "RoverAutopilot"
+    assert "RoverAutopilot" in read and "Rover" in read
+    assert not {"Airspace", "LargeAirspace", "LineAgent"} & {*read}
+    assert mentions(fmus / "LineAgent.fmu", "target<1>") and not mentions(fmus / "LineAgent.fmu", "airframe")
 
 
 def test_a_shipped_model_that_accepts_a_vehicle_is_built(

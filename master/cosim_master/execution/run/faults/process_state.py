@@ -36,6 +36,8 @@ _INTERVAL = 0.25
 """Wall-clock time between two comparisons during the steps, s."""
 _LC_ALL = 6
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGALRM", "SIGPIPE")
+_NUMBERS = tuple(int(getattr(signal, name, 0)) for name in _SIGNALS)  # 0 where there is no such signal: not compared
+_FILES = "/proc/self/fd"
 
 
 @cache
@@ -43,6 +45,11 @@ def _libc() -> Any:
     libc = ctypes.CDLL(None)
     libc.setlocale.restype = ctypes.c_char_p
     return libc
+
+
+@cache
+def _libm() -> Any:
+    return ctypes.CDLL("libm.so.6")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +82,9 @@ class ProcessState:
         return cls(
             _folder(),
             (libc.setlocale(_LC_ALL, None) or b"").decode("utf-8", "replace"),
-            int(ctypes.CDLL("libm.so.6").fegetround()),
+            int(_libm().fegetround()),
             mask,
-            tuple(_handler(libc, int(getattr(signal, name))) for name in _SIGNALS),
+            tuple(_handler(libc, number) for number in _NUMBERS),
             frozenset(_files()),
         )
 
@@ -117,14 +124,14 @@ def _handler(libc: Any, number: int) -> int | None:
 
 def _files() -> list[tuple[int, str]]:
     found = []
-    for link in Path("/proc/self/fd").iterdir():
+    for number in os.listdir(_FILES):  # noqa: PTH208 - twice for each call of FMI: pathlib takes three times longer
         try:
-            target = str(link.readlink())
+            target = os.readlink(f"{_FILES}/{number}")  # noqa: PTH115
         except OSError:  # that of the listing itself, or one that another thread has closed
             continue
         # Sockets may be closed by their other ends, and recorders close the Parquet files of each checkpoint.
         if not target.startswith(("socket:", "/proc/")) and not target.endswith(".parquet"):
-            found.append((int(link.name), target))
+            found.append((int(number), target))
     return found
 
 
