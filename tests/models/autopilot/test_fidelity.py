@@ -31,6 +31,8 @@ FAITHFUL = {
     "json_velocity_3mps": 0.1,
     "json_fence_avoided": 0.15,
     "json_mission_line": 0.35,
+    "json_mission_spline": 0.12,
+    "x_mission_spline_in_the_air": 0.15,
 }
 """Flights, and the rms [m] of the distance from ArduCopter that a change of ours must not exceed."""
 

@@ -9,7 +9,17 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 
-from cosim_models.autopilot.control.scurve import DURATION, LEG, along_leg, plan_leg
+from cosim_models.autopilot.control.scurve import (
+    BEGIN,
+    DURATION,
+    END,
+    LEG,
+    along_leg,
+    begin_leg_at,
+    end_leg_at,
+    plan_leg,
+    top_speed,
+)
 
 JERK, SNAP = 1.0, 0.25 * math.pi / 0.15
 SPEEDS, ACCELS = (10.0, 2.5, 1.5), (2.5, 1.0)
@@ -66,3 +76,41 @@ def test_limits_belong_to_directions() -> None:
     assert along_leg(slope, 0.5 * slope[DURATION])[1] == pytest.approx(2.5 / 0.8)  # climbs at 2.5 m/s
     assert leg(0.0, 0.0, 0.0)[DURATION] == 0.0
     assert along_leg(leg(0.0, 0.0, 0.0), 1.0) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("length", [0.5, 5.0, 20.0, 80.0, 400.0])
+@pytest.mark.parametrize(("begin", "end"), [(0.0, 3.0), (2.0, 0.0), (3.0, 3.0), (0.05, 9.0), (50.0, 50.0)])
+def test_legs_begin_and_end_at_speeds(length: float, begin: float, end: float) -> None:
+    """Acceleration, speed and way belong together, and no limit is exceeded."""
+    row = leg(0.6 * length, 0.8 * length, 0.0)
+    fastest = top_speed(row)
+    assert begin_leg_at(row, begin) == pytest.approx(min(begin, fastest))
+    end_leg_at(row, end)
+    t = np.linspace(0.0, row[DURATION], 8001)
+    a, v, s = np.array([along_leg(row, float(x)) for x in t]).T
+    assert v[0] == row[BEGIN] == pytest.approx(min(begin, fastest))
+    assert (v[-1], s[-1]) == (row[END], pytest.approx(length))
+    assert cumulative_trapezoid(a, t, initial=0.0) + v[0] == pytest.approx(v, abs=1e-5 * max(float(v.max()), 1.0))
+    assert cumulative_trapezoid(v, t, initial=0.0) == pytest.approx(s, abs=1e-5 * max(length, 1.0))
+    assert v.max() <= fastest * (1 + 1e-9)
+    assert np.abs(a).max() <= 2.5 * (1 + 1e-9)
+    assert np.abs(np.gradient(a, t)).max() <= JERK * (1 + 1e-6)
+    if length >= 80.0:  # half of the leg is enough for each change
+        assert v[-1] == pytest.approx(min(end, fastest))
+
+
+def test_a_change_of_speed_on_a_long_leg_takes_its_closed_form() -> None:
+    """From 1 to 10 m/s and on to 2 m/s: change / accel + accel / jerk + tj each, and the rest at 10 m/s."""
+    row = leg(400.0, 0.0, 0.0)
+    begin_leg_at(row, 1.0)
+    end_leg_at(row, 2.0)
+    rise, fall = (change / 2.5 + 2.5 / JERK + TJ for change in (9.0, 8.0))
+    rest = (400.0 - 5.5 * rise - 6.0 * fall) / 10.0
+    assert row[DURATION] == pytest.approx(rise + rest + fall, rel=1e-9)
+
+
+def test_a_leg_of_no_length_has_no_speeds() -> None:
+    row = leg(0.0, 0.0, 0.0)
+    assert begin_leg_at(row, 3.0) == 0.0
+    end_leg_at(row, 3.0)
+    assert along_leg(row, 0.0) == (0.0, 0.0, 0.0)

@@ -53,6 +53,7 @@ from cosim.messages import (
     MAV_CMD_NAV_LOITER_TURNS,
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    MAV_CMD_NAV_SPLINE_WAYPOINT,
     MAV_CMD_NAV_TAKEOFF,
     MAV_CMD_NAV_WAYPOINT,
     MAV_CMD_VIDEO_START_CAPTURE,
@@ -77,12 +78,14 @@ from cosim_models.autopilot.flight.plans.order import in_landing_sequence, is_no
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.waypoints import (
     add_leg,
+    add_spline,
     change_height,
     fly_leg,
     is_above,
     leave_legs,
     respeed_legs,
     set_leg,
+    set_spline,
     start_legs_at,
 )
 from cosim_models.autopilot.flight.yaw import (
@@ -158,6 +161,7 @@ _COMMANDS = np.array(
         MAV_CMD_VIDEO_STOP_CAPTURE,
         MAV_CMD_DO_WINCH,
         MAV_CMD_NAV_LOITER_TO_ALT,
+        MAV_CMD_NAV_SPLINE_WAYPOINT,
     ),
     dtype=np.int64,
 )  # in the order of MISSION_TEXTS
@@ -190,7 +194,9 @@ def change_speed(m: Any, kind: int, speed: float) -> None:
 @kernel
 def may_pause(m: Any) -> bool:
     """Returns whether the mission can be paused: it flies to a point that it has not reached, and is not paused."""
-    to_point = m.auto_command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_LOITER_TIME)
+    command = m.auto_command
+    to_point = command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_LOITER_TIME)
+    to_point = to_point or command == MAV_CMD_NAV_SPLINE_WAYPOINT
     return bool(m.armed and not m.on_ground and not m.paused and to_point and not m.leg_reached)
 
 
@@ -198,8 +204,8 @@ def may_pause(m: Any) -> bool:
 
 
 @kernel
-def _go_to(m: Any, n: float, e: float, u: float) -> None:
-    """Flies to a point at the speeds that the mission has requested."""
+def _prepare(m: Any) -> None:
+    """Prepares flight by legs at the speeds that the mission has requested."""
     if not keep_heading(m):
         default_nose(m)
     if not m.legs_active:
@@ -213,6 +219,12 @@ def _go_to(m: Any, n: float, e: float, u: float) -> None:
         if m.submode == TAKEOFF:
             start_legs_at(m, m.desired_position_neu[0], m.desired_position_neu[1], m.takeoff_to)
     m.submode = POSITION
+
+
+@kernel
+def _go_to(m: Any, n: float, e: float, u: float) -> None:
+    """Flies to a point at the speeds that the mission has requested."""
+    _prepare(m)
     set_leg(m, n, e, u)
 
 
@@ -277,19 +289,55 @@ def _has_gone_round(m: Any) -> bool:
 
 
 @kernel
+def _following(m: Any, row: int) -> int:
+    """Returns the navigation command after `row`; -1 if there is none."""
+    for _ in range(m.mission.shape[0]):
+        row = next_command(m, row + 1, False)
+        if row < 0 or m.mission[row, COMMAND] <= MAV_CMD_NAV_LAST:
+            return int(row)
+    return -1
+
+
+@kernel
+def _stays(m: Any, row: int) -> bool:
+    """Returns whether a waypoint has a delay, in whole seconds."""
+    return bool(m.mission[row, P1] >= 1.0)
+
+
+@kernel
+def _place_after(m: Any, row: int, here: tuple[float, float, float]) -> tuple[tuple[float, float, float], bool]:
+    """Returns the place after a spline's, which is `here`, and whether a spline leads there."""
+    following = -1 if _stays(m, row) else _following(m, row)
+    if following < 0:
+        return here, False
+    return place_from(m, following, here), bool(m.mission[following, COMMAND] == MAV_CMD_NAV_SPLINE_WAYPOINT)
+
+
+@kernel
 def _pass_to(m: Any, row: int) -> None:
     """Makes the vehicle pass a waypoint without a stop if a waypoint or a place to loiter follows."""
-    following = row
-    for _ in range(m.mission.shape[0]):
-        following = next_command(m, following + 1, False)
-        if following < 0:
-            return
-        if m.mission[following, COMMAND] <= MAV_CMD_NAV_LAST:
-            break
+    following = _following(m, row)
+    if following < 0:
+        return
     command = m.mission[following, COMMAND]
-    if command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_LOITER_TIME):
+    if command == MAV_CMD_NAV_SPLINE_WAYPOINT:
+        place = place_from(m, following, m.guided_position_neu)
+        then, curved = _place_after(m, following, place)
+        add_spline(m, place, then, curved)
+    elif command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_LOITER_TIME):
         n, e, u = place_from(m, following, m.guided_position_neu)
         add_leg(m, n, e, u)
+
+
+@kernel
+def _curve_to(m: Any, row: int) -> None:
+    """Flies to a waypoint on a spline."""
+    n, e, u = place(m, row)
+    _prepare(m)
+    then, curved = _place_after(m, row, (n, e, u))
+    set_spline(m, (n, e, u), then, curved)
+    if not _stays(m, row):
+        _pass_to(m, row)
 
 
 # ---- navigation commands -------------------------------------------------------------------------------------------
@@ -326,9 +374,13 @@ def _begin(m: Any, row: int, t: float) -> None:
         _go_to(m, p[0], p[1], p[2])
     elif command == MAV_CMD_NAV_LOITER_TURNS:
         _begin_turns(m, row)
+    elif command == MAV_CMD_NAV_SPLINE_WAYPOINT:
+        _curve_to(m, row)
     else:
         n, e, u = place(m, row)
-        _go_to(m, n, e, p[2] if command == MAV_CMD_NAV_LAND else u)
+        if command == MAV_CMD_NAV_LAND:
+            u = m.home_neu[2] + 0.01 * math.floor(100.0 * (m.position_neu[2] - m.home_neu[2]))  # whole centimetres
+        _go_to(m, n, e, u)
         if command == MAV_CMD_NAV_WAYPOINT and m.mission[row, P1] <= 0.0:
             _pass_to(m, row)
 
@@ -342,7 +394,7 @@ def _is_done(m: Any, t: float) -> bool:
         return bool(m.takeoff_done if m.submode == TAKEOFF else m.leg_reached)
     if command == MAV_CMD_NAV_WAYPOINT and hold <= 0.0:
         return bool(m.leg_reached)
-    if command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_TIME):
+    if command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_TIME, MAV_CMD_NAV_SPLINE_WAYPOINT):
         if m.auto_stage == _GOING and m.leg_reached:
             m.auto_stage = _THERE
             m.auto_since = t
@@ -476,7 +528,7 @@ def _follow(m: Any, t: float) -> None:
         return
     if _is_done(m, t):
         send_reached(m, m.mission_current)
-        if m.auto_command == MAV_CMD_NAV_WAYPOINT or m.auto_command == MAV_CMD_NAV_LOITER_TIME:
+        if m.auto_command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_TIME, MAV_CMD_NAV_SPLINE_WAYPOINT):
             say(m, INFO, REACHED, m.mission_current)
         _advance(m, m.mission_current + 1, t)
     _do_next(m, t)

@@ -1,14 +1,15 @@
-"""Waypoints as ArduCopter flies them: legs with S-curves, of which one ends while the next begins.
+"""Waypoints as ArduCopter flies them: legs with S-curves, of which one ends while the next begins, and splines.
 
 A destination begins a leg, from rest at the last destination, or at the stopping point if the vehicle was not on a leg.
 If the next destination is known, the next leg begins before this one has ended, provided that the vehicle passes within
 WPNAV_RADIUS, not faster than on either leg, and that cornering stays within WPNAV_ACCEL_C. Time along the legs goes
 slower while the vehicle lags behind and while the flight is paused. When a limit of the speed changes, a leg that has
 begun is planned anew; the vehicle goes on at its place with its speed, which then moves to that of the plan (ArduCopter
-inserts S-curves there). Kernels over the autopilot's record `m`; rows of m.legs are the last leg, this one, and the
-next.
+inserts S-curves there). A leg that is a spline is passed at the speed that its curvature and that of its neighbours
+permit; a straight one before or after it ends or begins at that speed. Kernels over the autopilot's record `m`; rows of
+m.legs are the last leg, this one, and the next, those of m.splines this one and the next.
 
-Source: ArduPilot, AC_WPNav and SCurve (advance_target_along_track), 4.5 to 4.7-dev.
+Source: ArduPilot, AC_WPNav, SplineCurve and SCurve (advance_target_along_track), 4.5 to 4.7-dev.
 """
 
 from __future__ import annotations
@@ -28,10 +29,12 @@ from cosim_models.autopilot.control.position import (
     stopping_ne,
 )
 from cosim_models.autopilot.control.scurve import (
+    BEGIN,
     CLIMB_ACCEL,
     CLOCK,
     CONSTANT,
     DURATION,
+    END,
     LEG,
     LENGTH,
     NORTH,
@@ -40,15 +43,20 @@ from cosim_models.autopilot.control.scurve import (
     SHARE_RATE,
     SPEED,
     along_leg,
+    begin_leg_at,
     clear_leg,
+    end_leg_at,
     plan_leg,
+    time_at,
     top_speed,
 )
 from cosim_models.autopilot.control.shaping import clip, inverse_sqrt_controller, shape_velocity, sqrt_controller
+from cosim_models.autopilot.control.spline import DIRECTION, FIRST_SPEED, LAST_SPEED, follow_spline, plan_spline
 from cosim_models.autopilot.flight.yaw import lean
 
 __all__ = [
     "add_leg",
+    "add_spline",
     "advance_legs",
     "change_height",
     "fly_leg",
@@ -56,6 +64,7 @@ __all__ = [
     "leave_legs",
     "respeed_legs",
     "set_leg",
+    "set_spline",
     "start_legs",
     "start_legs_at",
 ]
@@ -63,6 +72,7 @@ __all__ = [
 _LAST, _THIS, _NEXT = 0, 1, 2
 _SAME = 1e-6  # difference of destinations [m] or speeds [1] that counts as none
 _SLACK = 0.05  # of the speed that may be missing before time goes slower
+_STILL = 3.45e-6  # m/s; ArduCopter takes the square of a slower target for zero
 _STOP_UP, _STOP_DOWN = 3.0, 2.0  # m, greatest stopping distances
 
 
@@ -87,6 +97,8 @@ def start_legs_at(m: Any, n: float, e: float, u: float) -> None:
     m.legs_active = True
     m.leg_reached = True
     m.leg_fast = False
+    m.leg_curved = False
+    m.next_curved = False
     m.leg_rate = 1.0
     m.leg_speed = m.speed_max
     m.leg_speed_full = m.speed_max
@@ -113,8 +125,8 @@ def _plan(m: Any, which: int, n: float, e: float, u: float) -> None:
 @kernel
 def set_leg(m: Any, n: float, e: float, u: float) -> None:
     """Flies to a place, where the vehicle stops unless `add_leg` follows."""
-    follows = False
-    if m.leg_fast:
+    follows = bool(m.leg_curved)
+    if m.leg_fast and not follows:
         follows = abs(n - m.leg_next[0]) + abs(e - m.leg_next[1]) + abs(u - m.leg_next[2]) < _SAME
     if not m.legs_active or not m.leg_reached or (m.leg_fast and not follows):
         start_legs(m)
@@ -124,7 +136,12 @@ def set_leg(m: Any, n: float, e: float, u: float) -> None:
         m.legs[_LAST, i] = m.legs[_THIS, i]
     g[0], g[1], g[2] = n, e, u
     following = m.legs[_NEXT]
-    if m.leg_fast and following[CLOCK] < following[DURATION]:
+    if m.leg_curved:
+        clear_leg(m.legs[_LAST])
+        _plan(m, _THIS, n - begin[0], e - begin[1], u - begin[2])
+        begin_leg_at(m.legs[_THIS], _desired_speed(m))
+        m.leg_curved = False
+    elif m.leg_fast and following[CLOCK] < following[DURATION]:
         for i in range(LEG):
             m.legs[_THIS, i] = following[i]
     else:
@@ -141,19 +158,94 @@ def add_leg(m: Any, n: float, e: float, u: float) -> None:
     _plan(m, _NEXT, n - g[0], e - g[1], u - g[2])
     m.leg_next[0], m.leg_next[1], m.leg_next[2] = n, e, u
     m.leg_fast = True
+    m.next_curved = False
+    if m.leg_curved:
+        this = m.splines[0]
+        this[LAST_SPEED] = begin_leg_at(m.legs[_NEXT], this[LAST_SPEED])
+
+
+# ---- splines -------------------------------------------------------------------------------------------------------
 
 
 @kernel
-def _time_at(leg: Any, way: float) -> float:
-    """Returns the time since the beginning of a leg at which its way is `way` [m], by bisection."""
-    low, high = 0.0, float(leg[DURATION])
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if along_leg(leg, middle)[2] < way:
-            low = middle
-        else:
-            high = middle
-    return high
+def _desired_speed(m: Any) -> float:
+    v = m.desired_velocity_neu
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@kernel
+def _limits(m: Any) -> tuple[float, float, float, float, float]:
+    """Returns the limits of splines."""
+    return float(m.speed_max), float(m.speed_up), float(m.speed_down), float(m.accel_max), float(m.accel_up)
+
+
+@kernel
+def _put_direction(m: Any, row: int, begin: Any, to: tuple[float, float, float]) -> bool:
+    """Sets the direction in which a spline ends; returns whether it has one."""
+    end = m.spline_ends[row, 1]
+    for i in range(3):
+        end[i] = to[i] - begin[i]
+    return bool(end[0] != 0.0 or end[1] != 0.0 or end[2] != 0.0)
+
+
+@kernel
+def _put_begin(m: Any) -> None:
+    """Sets the direction in which the next spline begins: that in which this leg ends."""
+    begin = m.spline_ends[0, 0]
+    for i in range(3):
+        begin[i] = m.guided_position_neu[i] - m.leg_origin[i]
+        if m.leg_curved:
+            begin[i] = m.splines[0, DIRECTION + i]
+
+
+@kernel
+def set_spline(m: Any, place: tuple[float, float, float], then: tuple[float, float, float], curved: bool) -> None:
+    """Flies to a place on a spline, and passes it if there is a place after it.
+
+    Args:
+        m: the record.
+        place: north, east and up.
+        then: the place after it, or the same place to stop there.
+        curved: whether a spline leads to that.
+    """
+    if not m.legs_active or not m.leg_reached:
+        start_legs(m)
+    ends = m.spline_ends[0]
+    if m.leg_fast:
+        _put_begin(m)
+    else:
+        ends[0, 0], ends[0, 1], ends[0, 2] = 0.0, 0.0, 0.0
+    g, origin = m.guided_position_neu, m.leg_origin
+    for i in range(3):
+        origin[i] = g[i]
+        g[i] = place[i]
+        clear_leg(m.legs[i])
+    m.leg_fast = _put_direction(m, 0, origin if curved else g, then)
+    m.leg_curved = True
+    m.next_curved = False
+    m.leg_reached = False
+    plan_spline(m.splines[0], origin, ends[0], g, ends[1], _limits(m))
+
+
+@kernel
+def add_spline(m: Any, place: tuple[float, float, float], then: tuple[float, float, float], curved: bool) -> None:
+    """Makes the vehicle pass the destination on its way to the next one, on a spline; arguments as for `set_spline`."""
+    _put_begin(m)
+    for i in range(3):
+        m.leg_next[i] = place[i]
+    g = m.guided_position_neu
+    _put_direction(m, 1, g if curved else m.leg_next, then)
+    plan_spline(m.splines[1], g, m.spline_ends[0, 0], m.leg_next, m.spline_ends[1, 1], _limits(m))
+    speed = m.splines[1, FIRST_SPEED]
+    if m.leg_curved:
+        m.splines[0, LAST_SPEED] = speed
+    else:
+        end_leg_at(m.legs[_THIS], speed)
+    m.leg_fast = True
+    m.next_curved = True
+
+
+# ---- changes of speed ----------------------------------------------------------------------------------------------
 
 
 @kernel
@@ -164,10 +256,15 @@ def _replan(m: Any, which: int, n: float, e: float, u: float) -> None:
         return
     a, v, s = along_leg(leg, leg[CLOCK])
     share, rate = leg[SHARE], leg[SHARE_RATE]
+    begin, end = leg[BEGIN], leg[END]
     _plan(m, which, n, e, u)
+    if begin > 0.0:
+        begin_leg_at(leg, begin)
+    if end > 0.0:
+        end_leg_at(leg, end)
     if s <= 0.0:
         return
-    leg[CLOCK] = _time_at(leg, s)
+    leg[CLOCK] = time_at(leg, s)
     a_now, v_now, _ = along_leg(leg, leg[CLOCK])
     if v_now > 0.0:
         leg[SHARE] = share * v / v_now
@@ -183,9 +280,11 @@ def respeed_legs(m: Any) -> None:
     if m.leg_speed_full > 0.0:
         m.leg_speed *= m.speed_max / m.leg_speed_full
     m.leg_speed_full = m.speed_max
+    if m.leg_curved:
+        return
     if not m.leg_reached:
         _replan(m, _THIS, g[0] - begin[0], g[1] - begin[1], g[2] - begin[2])
-    if m.leg_fast:
+    if m.leg_fast and not m.next_curved:
         _replan(m, _NEXT, m.leg_next[0] - g[0], m.leg_next[1] - g[1], m.leg_next[2] - g[2])
 
 
@@ -197,7 +296,7 @@ def _lag(m: Any) -> float:
     """Returns the rate of time, 0 to 1, at which the vehicle can follow the target along its direction."""
     v, e = m.desired_velocity_neu, m.position_error_neu
     speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    if speed <= 0.0:
+    if speed <= _STILL:
         return 1.0
     ahead = 0.0
     moved = 0.0
@@ -293,10 +392,8 @@ def _pause_share(m: Any, dt: float) -> float:
 
 
 @kernel
-def advance_legs(m: Any, dt: float) -> None:
-    """Sets the desired motion one step further along the legs, and m.leg_reached."""
-    m.leg_rate += (_lag(m) - m.leg_rate) * min(dt * m.WPNAV_JERK / m.accel_max, 1.0)
-    share = _pause_share(m, dt)
+def _straight(m: Any, share: float, dt: float) -> bool:
+    """Sets m.leg_target on a straight leg; returns whether it has ended."""
     for which in range(_THIS, _NEXT + 1):
         _regain(m, which, dt)
     ended = _advance_clocks(m, m.leg_rate * share * dt)
@@ -308,6 +405,21 @@ def advance_legs(m: Any, dt: float) -> None:
         leg = m.legs[which]
         if which != _NEXT or leg[CLOCK] > 0.0:
             _add(m, which, leg[CLOCK], 1.0 if which == _LAST else 0.0, share * leg[SHARE])
+    return bool(ended)
+
+
+@kernel
+def advance_legs(m: Any, dt: float) -> None:
+    """Sets the desired motion one step further along the legs, and m.leg_reached."""
+    m.leg_rate += (_lag(m) - m.leg_rate) * min(dt * m.WPNAV_JERK / m.accel_max, 1.0)
+    share = _pause_share(m, dt)
+    target = m.leg_target
+    if m.leg_curved:
+        ended = follow_spline(m.splines[0], target, _desired_speed(m), m.leg_rate * share * dt, _limits(m))
+        for i in range(3):
+            target[1, i] *= share
+    else:
+        ended = _straight(m, share, dt)
     for i in range(3):
         m.desired_position_neu[i] = target[0, i]
         m.desired_velocity_neu[i] = target[1, i]

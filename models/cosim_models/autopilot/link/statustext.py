@@ -401,6 +401,7 @@ _text(b"Mission: % VideoStartCapture")
 _text(b"Mission: % VideoStopCapture")
 _text(b"Mission: % Winch")
 _text(b"Mission: % LoitAltitude")
+_text(b"Mission: % SplineWP")
 ROUND_BEGINS = _text(b"Mission: starting circle %/&")
 
 _TEXT_BYTES = np.zeros((len(_TEXTS), 50), dtype=np.uint8)

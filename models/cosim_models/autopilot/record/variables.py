@@ -10,6 +10,7 @@ from cosim.vehicle import MAX_MOTORS, Airframe, inputs_for
 from cosim.verdict import Logged, Role
 from cosim_models.autopilot.control.pid import PID_STATE, PLANE_STATE
 from cosim_models.autopilot.control.scurve import LEG
+from cosim_models.autopilot.control.spline import SPLINE
 from cosim_models.autopilot.link.links import LINKS
 from cosim_models.autopilot.mission.fences import FENCE_CAPACITY, FENCE_ITEM
 from cosim_models.autopilot.mission.missions import ITEM, MISSION_CAPACITY
@@ -134,6 +135,10 @@ MEMORY = (
     Memory("legs_active", dtype="?", rare=True),
     Memory("leg_reached", dtype="?", rare=True),
     Memory("leg_fast", dtype="?", rare=True),  # the destination is only passed
+    Memory("splines", shape=(2, SPLINE), rare=True),  # this leg and the next, where they are curved
+    Memory("spline_ends", shape=(2, 2, 3), rare=True),  # directions at their beginning and end, while they are planned
+    Memory("leg_curved", dtype="?", rare=True),
+    Memory("next_curved", dtype="?", rare=True),
     Memory("rtl_stage", dtype="i4"),
     Memory("return_since", rare=True),  # waiting above the place of return
     Memory("auto_rtl", dtype="?"),  # AUTO flies the landing sequence as AUTO_RTL
