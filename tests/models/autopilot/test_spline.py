@@ -137,5 +137,5 @@ def test_a_spline_can_be_paused_and_slowed() -> None:
     copter.run(6.0)
     assert np.hypot(*copter.v["velocity"][:2]) < 0.1
     assert copter.ask(pause, 1)[0] == ("ACK", pause, ACCEPTED)
-    copter.run(9.0)
+    copter.run(13.0)
     assert np.hypot(*copter.v["velocity"][:2]) == pytest.approx(2.0, rel=0.06)
