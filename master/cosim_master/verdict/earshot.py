@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -66,15 +68,24 @@ def twice(network: Network, ids: Sequence[dict[str, int]], places: Array | None 
     groups = repeated(ids)
     if not groups:
         return []
-    heard = heard_by_relays(network, places) | np.eye(len(network.nodes), dtype=bool)
+    names = [node.name for node in network.nodes]
+    if network.topology != "listed" and (places is None or not depends_on_places(network)):  # all hear all
+        return [Twice(value, tuple(names[n] for n in nodes), names[0]) for value, nodes in groups.items()]
+    hearers = _hearers_by_relays(network, places) if network.relays else _hearers(network, places)
     found = []
     for value, nodes in groups.items():
-        hears = heard[nodes].sum(axis=0)
+        rows = [np.append(one := hearers(n), [n] * (n not in one)) for n in nodes]
+        hears = np.bincount(np.concatenate(rows))
         listener = int(hears.argmax())
         if hears[listener] > 1:
-            names = tuple(network.nodes[n].name for n in nodes if heard[n, listener])
-            found.append(Twice(value, names, network.nodes[listener].name))
+            heard = tuple(names[n] for n, row in zip(nodes, rows, strict=True) if listener in row)
+            found.append(Twice(value, heard, names[listener]))
     return found
+
+
+def _hearers_by_relays(network: Network, places: Array | None) -> Callable[[int], Array]:
+    heard = heard_by_relays(network, places)
+    return lambda n: np.flatnonzero(heard[n])
 
 
 def heard_by_relays(network: Network, places: Array | None = None) -> Array:
@@ -83,7 +94,11 @@ def heard_by_relays(network: Network, places: Array | None = None) -> Array:
     Args:
         places: (nodes, 3), positions of the nodes [m]; without them, only listed links limit who hears whom.
     """
-    direct = heard = _heard(network, places)
+    count, hearers = len(network.nodes), _hearers(network, places)
+    direct = np.zeros((count, count), dtype=bool)
+    for n in range(count):
+        direct[n, hearers(n)] = True
+    heard = direct
     relays = np.isin([node.name for node in network.nodes], network.relays)
     for _ in range(network.hops if relays.any() else 0):
         farther = heard | (heard[:, relays].astype(np.float32) @ direct[relays].astype(np.float32) > 0.0)
@@ -93,30 +108,60 @@ def heard_by_relays(network: Network, places: Array | None = None) -> Array:
     return heard
 
 
-def _heard(network: Network, places: Array | None) -> Array:
-    """Returns a matrix: row a, column b is True if node b is in reach of node a's transmissions."""
+def _hearers(network: Network, places: Array | None) -> Callable[[int], Array]:
+    """Returns a function of a node: the other nodes that are in reach of its transmissions."""
     count = len(network.nodes)
-    heard = np.ones((count, count), dtype=bool)
+    all_nodes = np.arange(count)
+    hearers: Callable[[int], Array] = lambda n: np.delete(all_nodes, n)  # noqa: E731
     if network.topology == "listed":
         number = {node.name: n for n, node in enumerate(network.nodes)}
-        heard[:] = False
+        listed: list[list[int]] = [[] for _ in range(count)]
         for a, b in network.links:
-            heard[number[a], number[b]] = True
+            listed[number[a]].append(number[b])
+        hearers = lambda n: np.array(listed[n], dtype=np.intp)  # noqa: E731
     if places is None:
-        return heard
+        return hearers
     if network.topology == "nearest":
-        heard[:] = False
-        nearest = min(network.neighbours, count - 1)
-        if network.axis is not None:
-            order = np.argsort(places @ np.array(network.axis), kind="stable")
-            for shift in range(1, nearest + 1):
-                heard[order[:-shift], order[shift:]] = heard[order[shift:], order[:-shift]] = True
-        else:
-            for n in range(count):
-                distance = np.linalg.norm(places - places[n], axis=1)
-                distance[n] = math.inf
-                heard[n, np.argsort(distance, kind="stable")[:nearest]] = True
-    if math.isfinite(network.range):
-        for n in range(count):
-            heard[n] &= np.linalg.norm(places - places[n], axis=1) <= network.range
-    return heard
+        hearers = _nearest(network, places)
+    if not math.isfinite(network.range):
+        return hearers
+    some = _neighbourhoods(places, network.range) if network.topology == "broadcast" else hearers
+
+    def within(n: int) -> Array:
+        others = some(n)
+        near: Array = others[(np.linalg.norm(places[others] - places[n], axis=1) <= network.range) & (others != n)]
+        return near
+
+    return within
+
+
+def _nearest(network: Network, places: Array) -> Callable[[int], Array]:
+    """Returns a function of a node: the nodes nearest to it."""
+    count = len(network.nodes)
+    nearest = min(network.neighbours, count - 1)
+    if network.axis is not None:
+        order = np.argsort(places @ np.array(network.axis), kind="stable")
+        rank = np.argsort(order)
+        return lambda n: np.delete(order[max(0, rank[n] - nearest) : rank[n] + nearest + 1], min(nearest, rank[n]))
+
+    def of(n: int) -> Array:
+        distance = np.linalg.norm(places - places[n], axis=1)
+        distance[n] = math.inf
+        return np.argsort(distance, kind="stable")[:nearest]
+
+    return of
+
+
+def _neighbourhoods(places: Array, reach: float) -> Callable[[int], Array]:
+    """Returns a function of a node: some nodes, among them all that are within reach [m] of it."""
+    cells = np.floor(places / max(reach * (1.0 + 1e-9), 1e-3))
+    inside: dict[tuple[float, ...], list[int]] = {}
+    for n, cell in enumerate(map(tuple, cells.tolist())):
+        inside.setdefault(cell, []).append(n)
+
+    @cache
+    def around(cell: tuple[float, ...]) -> Array:
+        near = set(product(*((c - 1.0, c, c + 1.0) for c in cell)))
+        return np.array(sorted(n for one in near for n in inside.get(one, ())), dtype=np.intp)
+
+    return lambda n: around(tuple(cells[n].tolist()))

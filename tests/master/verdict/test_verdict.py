@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Sequence
 from itertools import combinations, pairwise
@@ -12,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cosim.verdict import Bound, Condition, Formation, Logged, Neighbour, Role, Rotors
 from cosim_master.diagnostics.errors import SystemDescriptionError
@@ -369,6 +372,55 @@ def test_places_decide_where_the_range_is_limited_or_the_nearest_hear() -> None:
         nearest = network(5, topology="nearest", **settings)
         assert [one.listener for one in twice(nearest, ids(1, 2, 1, 4, 5), ON_A_LINE)] == ["n1"]
         assert twice(nearest, ids(1, 2, 3, 4, 1), ON_A_LINE) == []
+
+
+@settings(max_examples=60)
+@given(data=st.data())
+def test_the_same_ids_are_found_as_from_all_pairs(data: st.DataObject) -> None:
+    """The definition, of all pairs of nodes, against the search near each node."""
+    count = data.draw(st.integers(2, 14))
+    at = st.tuples(*[st.floats(-40.0, 40.0) | st.sampled_from([0.0, 10.0, 20.0, math.nan, 1e20])] * 3)
+    places = np.array(data.draw(st.lists(at, min_size=count, max_size=count)))
+    names = [f"n{i}" for i in range(count)]
+    pairs = st.tuples(st.sampled_from(names), st.sampled_from(names)).filter(lambda p: p[0] != p[1])
+    topology = data.draw(st.sampled_from(["broadcast", "listed", "nearest"]))
+    chosen = network(
+        count,
+        topology=topology,
+        range=data.draw(st.sampled_from([math.inf, 0.0, 10.0, 25.0, 1e30])),
+        neighbours=data.draw(st.integers(1, 4)),
+        axis=data.draw(st.sampled_from([None, (0.0, 1.0, 0.0)])) if topology == "nearest" else None,
+        links=data.draw(st.frozensets(pairs)) if topology == "listed" else frozenset(),
+    )
+    own = data.draw(st.lists(st.integers(1, 3), min_size=count, max_size=count))
+    found = {one.system_id: one for one in twice(chosen, ids(*own), places)}
+    for value in set(own):
+        of = [n for n in range(count) if own[n] == value]
+        hears = [sum(heard(chosen, places, a, b) for a in of) for b in range(count)]
+        best = hears.index(max(hears))
+        if len(of) < 2 or max(hears) < 2:
+            assert value not in found
+        else:
+            assert found[value].listener == f"n{best}"
+            assert found[value].nodes == tuple(f"n{a}" for a in of if heard(chosen, places, a, best))
+
+
+def heard(one: Network, places: Any, a: int, b: int) -> bool:
+    """Returns whether node b is node a, or hears it: the definition."""
+    if a == b:
+        return True
+    apart = np.linalg.norm(places - places[a], axis=1)
+    if one.range < math.inf and not apart[b] <= one.range:
+        return False
+    if one.topology == "listed":
+        return (f"n{a}", f"n{b}") in one.links
+    if one.topology == "nearest" and one.axis is not None:
+        order = list(np.argsort(places @ np.array(one.axis), kind="stable"))
+        return abs(order.index(a) - order.index(b)) <= one.neighbours
+    if one.topology == "nearest":
+        apart[a] = math.inf
+        return b in list(np.argsort(apart, kind="stable")[: min(one.neighbours, len(places) - 1)])
+    return True
 
 
 # ---- observers -----------------------------------------------------------------------------------------------------
