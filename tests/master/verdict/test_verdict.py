@@ -368,8 +368,8 @@ def test_places_decide_where_the_range_is_limited_or_the_nearest_hear() -> None:
     near = network(5, range=15.0)
     assert twice(near, ids(1, 2, 3, 1, 5), ON_A_LINE) == []
     assert [one.listener for one in twice(near, ids(1, 2, 1, 4, 5), ON_A_LINE)] == ["n1"]
-    for settings in ({"axis": (0.0, 1.0, 0.0), "neighbours": 1}, {"neighbours": 1}):
-        nearest = network(5, topology="nearest", **settings)
+    for own in ({"axis": (0.0, 1.0, 0.0), "neighbours": 1}, {"neighbours": 1}):
+        nearest = network(5, topology="nearest", **own)
         assert [one.listener for one in twice(nearest, ids(1, 2, 1, 4, 5), ON_A_LINE)] == ["n1"]
         assert twice(nearest, ids(1, 2, 3, 4, 1), ON_A_LINE) == []
 
