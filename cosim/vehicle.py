@@ -24,6 +24,8 @@ from cosim.model import Input, Output, Variable
 from cosim.verdict import Role, Values
 
 __all__ = [
+    "ADDED_WIND",
+    "ADDS_WIND",
     "AIRFRAME",
     "ATTITUDE",
     "AUTOPILOT",
@@ -115,6 +117,21 @@ THRUST_FACTOR = Input(
     description="thrust over that far from the ground, at the same rotor speed",
 )
 """Input of the vehicles whose thrust depends on the ground below."""
+
+ADDED_WIND = Input(
+    "added_wind",
+    shape=3,
+    unit="m/s",
+    start=0.0,
+    verdict=Role.OPTIONAL,
+    description="velocity of the air that is added to `wind`, NED",
+)
+"""Input of the vehicles whose autopilot can ask for wind."""
+
+ADDS_WIND = Output(
+    "adds_wind", type=bool, start=True, verdict=Role.OPTIONAL, description="true: `added_wind` acts on the vehicle"
+)
+"""Output of the same vehicles, by which the autopilot knows that its wind arrives."""
 
 _MOTION = (
     (POSITION, 3, "m", (0.0, 0.0, 0.0), "position relative to the local origin, NED (north, east, down)"),

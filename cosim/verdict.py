@@ -195,7 +195,8 @@ class Role(Enum):
     SERIAL = "Serial"
     """Packet port that connects to the program at the other end of a cable, and to nothing else."""
     OPTIONAL = "Optional"
-    """Input that may stay unconnected, because its start value is meaningful."""
+    """Input that may stay unconnected, because its start value is meaningful; or output that has a meaning only where
+    it is connected: elsewhere, it is recorded only on request."""
 
 
 Verdict: TypeAlias = Condition | Reason | Bound | Formation | Rotors | Logged | Values | Role
@@ -276,8 +277,8 @@ def complaints(variables: Iterable[Declared]) -> list[str]:
 
 def _complaint_of_port(v: Declared, role: Role) -> list[str]:
     """Returns the errors of a role for inputs, or for packet ports of either direction."""
-    if role is Role.OPTIONAL and v.role != "input":
-        return [f"{v.name}: only an input can be OPTIONAL, this is of role {v.role}"]
+    if role is Role.OPTIONAL and v.role not in ("input", "output"):
+        return [f"{v.name}: only an input or output can be OPTIONAL, this is of role {v.role}"]
     if role is not Role.OPTIONAL and v.kind != "Packets":
         return [f"{v.name}: only a packet port can be {role.name}, this is of kind {v.kind}"]
     return []

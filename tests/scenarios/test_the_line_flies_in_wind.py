@@ -195,3 +195,29 @@ def test_an_airspace_that_misses_a_drone_is_no_pattern(fmus: Path, tmp_path: Pat
     root.write_text(gone, encoding="utf-8")
     with pytest.raises(SystemDescriptionError, match=r"beside its drones \(environment\) that are not connected as"):
         Swarm(like=folder)
+
+
+def test_wind_of_the_simulation_parameters_is_added_to_that_of_the_airspace(other: Callable[..., Flight]) -> None:
+    """Drone 4 gets 5 m/s from the east beside what it felt without it, the others what they felt."""
+    asked = other(until=6.0, drone4__autopilot__SIM_WIND_SPD=5.0, drone4__autopilot__SIM_WIND_DIR=90.0,
+                  drone4__autopilot__SIM_WIND_T=1)  # fmt: skip
+    added = np.stack([asked[f"drone4.autopilot.added_wind[{i}]"] for i in (1, 2, 3)])
+    np.testing.assert_allclose(added[:, -1], (0.0, -5.0, 0.0), atol=0.02)
+    assert asked["drone4.vehicle.adds_wind"].all()
+    for drone in (1, 2, 3, 5):
+        assert not asked[f"drone{drone}.autopilot.added_wind[2]"].any()
+
+
+def test_wind_that_nothing_takes_is_not_recorded(tmp_path: Path, fmus: Path) -> None:
+    still = fly(SYSTEMS / "line5", tmp_path / "line5", until=0.1)
+    assert not [name for name in still.signals if "adds_wind" in name or "added_wind" in name]
+    asked = fly(SYSTEMS / "line5", tmp_path / "asked", until=0.1, record=["*.added_wind*"])
+    assert len(asked.signals) == 1 + 5 * 6  # time; of autopilot and vehicle
+
+
+def test_new_swarms_connect_the_wind_of_the_autopilot(tmp_path: Path, fmus: Path) -> None:
+    out = tmp_path / "new"
+    new_system(out, drones=1, parts={"vehicle": "Quadrotor", "autopilot": "Autopilot"})
+    text = "".join(file.read_text(encoding="utf-8") for file in out.rglob("*.ssd"))
+    assert text.count('startElement="autopilot" startConnector="added_wind[') == 3
+    assert 'startElement="vehicle" startConnector="adds_wind"' in text

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.verdict import Role
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import matching
 from cosim_master.fmi.calls import KINDS, call_of
@@ -93,7 +94,7 @@ def make_layout(
 
     Args:
         record: patterns (see `diagnostics.names`) of outputs and local variables ``instance.variable`` to record; if
-            empty, all outputs are recorded.
+            empty, all outputs are recorded, except for unconnected ones that are declared optional.
         master: the master algorithm; None is Jacobi without delays.
         observed: outputs (instance, variable) that observers need, recorded or not.
 
@@ -225,7 +226,7 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
         if v.causality in causalities and v.packet_capacity is None and v.clock is None
     }
     if not record:
-        return set(candidates.values())
+        return _without_unused(checked, [*candidates.values()])
     chosen: set[tuple[str, str]] = set()
     problems = []
     for pattern in record:
@@ -237,6 +238,21 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
     if problems:
         raise SystemDescriptionError(problems)
     return chosen
+
+
+def _without_unused(checked: CheckedSystem, outputs: Collection[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Returns the outputs (instance, name) without those that are declared optional and drive nothing."""
+    fmus = {id(one.fmu): one.fmu for one in checked.instances}
+    optional = {
+        key: frozenset(
+            name
+            for name, v in fmu.variables.items()
+            if v.causality == "output" and fmu.verdicts.get(name.partition("[")[0]) is Role.OPTIONAL
+        )
+        for key, fmu in fmus.items()
+    }
+    unused = {(one.name, name) for one in checked.instances for name in optional[id(one.fmu)]}
+    return set(outputs) - (unused - {link.source for link in checked.links if not link.initial_only})
 
 
 class _Inputs:

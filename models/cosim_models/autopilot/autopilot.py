@@ -26,6 +26,7 @@ from cosim_models.autopilot.commander.battery import drain
 from cosim_models.autopilot.commander.failsafes import watch
 from cosim_models.autopilot.commander.sensors import add_errors, fail_motors
 from cosim_models.autopilot.commander.switches import LAST_POSITION
+from cosim_models.autopilot.commander.wind import blow, start_wind
 from cosim_models.autopilot.control.attitude import run_rates
 from cosim_models.autopilot.control.mixer import motor_factors
 from cosim_models.autopilot.control.motors import air_density_ratio, learn_hover_throttle, run_motors
@@ -157,6 +158,7 @@ def start(m: Any) -> int:
     m.throttle_open_at = -1.0
     m.switch_position = LAST_POSITION
     m.switch_seen = LAST_POSITION
+    start_wind(m)
     drain(m, 0.0)
     for i in range(2):
         m.battery_since[i] = -1.0
@@ -193,6 +195,7 @@ def advance(m: Any, t: float, h: float) -> int:
         run_outputs(m, t)
     if m.sim_on:
         fail_motors(m)
+        blow(m, h)
     if m.mavlink_rx_len > 0:
         m.link = MAVLINK
         receive(m, m.mavlink_rx, m.mavlink_rx_len, t)

@@ -1,9 +1,9 @@
 """A multirotor as a rigid body: the variables and kernels shared by all multirotor FMUs.
 
 The model has six degrees of freedom with a quaternion, up to eight rotors with lag, body drag, wind and flat ground. It
-has no sensors. Its surroundings (`cosim_models.environment`) act by the inputs `wind`, `force` and `thrust_factor`; a
-battery is a model of its own (`power_system`). The equations are in `multirotor_dynamics`, `rigid_body`, `rotor` and
-`ground`.
+has no sensors. Its surroundings (`cosim_models.environment`) act by the inputs `wind`, `force` and `thrust_factor`, and
+wind that an autopilot asks for by `added_wind`; a battery is a model of its own (`power_system`). The equations are in
+`multirotor_dynamics`, `rigid_body`, `rotor` and `ground`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,16 @@ from dataclasses import replace
 
 from cosim import Memory, Output, Parameter, Variable
 from cosim.model import Start
-from cosim.vehicle import FORCE, MAX_MOTORS, THRUST_FACTOR, VEHICLE_INPUTS, Airframe, outputs_of
+from cosim.vehicle import (
+    ADDED_WIND,
+    ADDS_WIND,
+    FORCE,
+    MAX_MOTORS,
+    THRUST_FACTOR,
+    VEHICLE_INPUTS,
+    Airframe,
+    outputs_of,
+)
 from cosim.verdict import Role, Rotors
 from cosim_models.vehicles.dynamics.multirotor_dynamics import CONTACTS, ERRORS, advance, start
 from cosim_models.vehicles.dynamics.rigid_body import Vector
@@ -55,6 +64,7 @@ def multirotor_variables(
     spare = (0.0,) * (MAX_MOTORS - count)
     return (
         *VEHICLE_INPUTS,
+        ADDED_WIND,
         FORCE,
         THRUST_FACTOR,
         Parameter("mass", unit="kg", start=mass, minimum=1e-3, description="total mass of the vehicle"),
@@ -114,6 +124,7 @@ def multirotor_variables(
             verdict=Role.ON_GROUND,
             description="the ground carries some of the weight",
         ),
+        ADDS_WIND,
         *_MEMORY,
     )
 
@@ -216,5 +227,6 @@ _MEMORY = (
     Memory("surface"),  # down coordinate of the ground, m
     Memory("thrust_now"),  # thrust over speed squared in the surroundings, N s2/rad2
     Memory("is_pushed", dtype="?"),  # whether the force of the surroundings is not zero
+    Memory("is_blown", dtype="?"),  # whether there is added wind
     Memory("vanishing"),  # 1 / axial_speed_limit, s/m
 )

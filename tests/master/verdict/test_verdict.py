@@ -64,7 +64,7 @@ def test_verdicts_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
     [
         ('<Position variable="y"/>', 'its verdict <Position> of "y" is ignored: it must be of causality output and'),
         ('<Armed variable="z"/>', 'its verdict <Armed> of "z" is ignored: there is no such variable'),
-        ('<Optional variable="y"/>', "it is of causality output, only inputs are optional"),
+        ('<Optional variable="p"/>', "it is of causality parameter, only inputs and outputs are optional"),
         (
             '<Great variable="y"/>',
             "there are Condition, Reason, Bound, Values, Formation, Rotors, Logged, Position, Attitude, Velocity",

@@ -176,8 +176,8 @@ def _checked(name: str, verdict: Verdict, variables: Mapping[str, Variable]) -> 
 
 def _check_port(verdict: Verdict, variable: Variable) -> None:
     """Raises ValueError if a role of inputs, or one of packet ports, does not apply to the variable."""
-    if verdict is Role.OPTIONAL and variable.causality != "input":
-        raise ValueError(f"it is of causality {variable.causality}, only inputs are optional")
+    if verdict is Role.OPTIONAL and variable.causality not in ("input", "output"):
+        raise ValueError(f"it is of causality {variable.causality}, only inputs and outputs are optional")
     if verdict is not Role.OPTIONAL and variable.packet_capacity is None:
         raise ValueError(f"it is of type {variable.type} and not a packet port")
 

@@ -27,6 +27,7 @@ from typing import Any
 
 from cosim.frames import deg_e7, geodetic_from_local, rotate, wrap_pi
 from cosim.kernel import kernel
+from cosim_models.autopilot.commander.wind import watch_wind, wind_is_on
 from cosim_models.autopilot.control.motors import GROUND_IDLE
 from cosim_models.autopilot.link.statustext import CRITICAL, GLITCH, GLITCH_CLEARED, INFO, NO_NUMBER, USING_GPS, say
 
@@ -79,6 +80,8 @@ def _is_on(m: Any) -> bool:
         return True
     off = _compass_offset(m)
     if abs(off[0]) + abs(off[1]) + abs(off[2]) > _SAME:
+        return True
+    if wind_is_on(m):
         return True
     if m.SIM_ACC1_BIAS_Z != 0.0 or vibrates(m) or (m.sim_on and abs(m.climb_error) > _SAME):
         return True
@@ -204,6 +207,7 @@ def _watch_compass(m: Any) -> None:
 @kernel
 def watch_sensors(m: Any, t: float) -> None:
     """Updates the errors of the estimate; called ten times a second."""
+    watch_wind(m)
     was = m.sim_on
     m.sim_on = _is_on(m)
     if not m.sim_on:

@@ -171,6 +171,7 @@ __all__ = [
     "VIBRATION_OFF",
     "VIBRATION_ON",
     "WARNING",
+    "WIND_UNCONNECTED",
     "ZIGZAG_MANUAL",
     "ZIGZAG_MOVING_A",
     "ZIGZAG_MOVING_B",
@@ -351,6 +352,7 @@ VIBRATION_OFF = _text(b"Vibration compensation OFF")
 NO_SMART_LANDS = _text(b"SmartRTL Unavailable, Using Land Mode")
 NO_SMART_RETURNS = _text(b"SmartRTL Unavailable, Trying RTL Mode")
 RECOVERY = _text(b"Manual recovery started")
+WIND_UNCONNECTED = _text(b"SIM_WIND: added_wind is not connected")
 THRUST_LOST = _text(b"Potential Thrust Loss (%)")
 TRY_LAND = _text(b"Trying Land Mode")
 TRY_RTL = _text(b"Trying RTL Mode")

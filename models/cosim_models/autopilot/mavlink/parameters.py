@@ -2,8 +2,9 @@
 
 Every listed parameter has an effect. ArduPilot's parameters for features missing in this autopilot are unknown here,
 and like ArduCopter, it does not answer requests for unknown names. A new value takes effect in the next step. Values
-outside the valid range are rejected, as ArduPilot rejects writes to read-only parameters. Values are not kept after a
-run. Kernels over the autopilot's record `m`, which is accessed by offset.
+outside the valid range are rejected, as ArduPilot rejects writes to read-only parameters, and so is wind that does not
+reach the vehicle. Values are not kept after a run. Kernels over the autopilot's record `m`, which is accessed by
+offset.
 
 Sources: the MAVLink guide, "Parameter Protocol"; ArduPilot, GCS_Param; answers recorded from ArduCopter 4.7-dev.
 """
@@ -36,7 +37,7 @@ from cosim.messages import (
 from cosim.model import record_layout
 from cosim.packets import get_u8, put_u8
 from cosim_models.autopilot.link.links import can_answer, send, send_to_all
-from cosim_models.autopilot.link.statustext import WARNING
+from cosim_models.autopilot.link.statustext import NO_NUMBER, WARNING, WIND_UNCONNECTED, say
 from cosim_models.autopilot.record.parameter_types import INT8, INT16, INT32
 from cosim_models.autopilot.record.variables import VARIABLES
 
@@ -89,6 +90,7 @@ _IS_WHOLE = np.array([v.kind == "Integer" for v in _TABLE], dtype=np.uint8)
 PARAMETER_TYPES = tuple(int(_type(name)) for name in PARAMETER_NAMES)
 """The MAV_PARAM_TYPE of each parameter, in the same order."""
 _TYPES = np.array(PARAMETER_TYPES, dtype=np.int64)
+_IS_WIND = np.array([v.name.startswith("SIM_WIND_") for v in _TABLE], dtype=np.uint8)
 _LEAST = np.array([1.0 if v.name == "SYSID_THISMAV" else v.minimum or 0.0 for v in _TABLE])
 _SHARES = ("MOT_SPIN_ARM", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_EXPO", "MOT_THST_HOVER", "TKOFF_THR_MAX")
 _MAXIMA = {"SYSID_MYGCS": 255.0, "SYSID_THISMAV": 255.0, **dict.fromkeys(_SHARES, 1.0)}
@@ -189,7 +191,10 @@ def set_parameter(m: Any) -> None:
         return
     if _TYPES[i] != MAV_PARAM_TYPE_REAL32:
         value = float(math.trunc(value + math.copysign(_NEARLY, value)))
-    if _LEAST[i] <= value <= _MOST[i]:
+    if _IS_WIND[i] != 0 and not m.adds_wind:
+        _deny(m, i)
+        say(m, WARNING, WIND_UNCONNECTED, NO_NUMBER)
+    elif _LEAST[i] <= value <= _MOST[i]:
         if _IS_WHOLE[i] != 0:
             set_whole(m, _OFFSETS[i], int(value))
         else:

@@ -49,6 +49,7 @@ INT8 = frozenset(
         "SIM_GPS1_ENABLE",
         "SIM_GPS1_JAM",
         "SIM_RC_FAIL",
+        "SIM_WIND_T",
         "THROW_MOT_START",
         "THROW_NEXTMODE",
         "THROW_TYPE",

@@ -352,6 +352,14 @@ SENSOR_PARAMETERS = _rare(
         )
         for axis, way in (("X", "forwards"), ("Y", "to the right"), ("Z", "downwards"))
     ),
+    _real("SIM_WIND_SPD", "m/s", 0.0, "wind: speed at the height SIM_WIND_T_ALT", 0.0),
+    _signed("SIM_WIND_DIR", "deg", 180.0, "wind: direction from which it blows", 360.0),
+    _signed("SIM_WIND_DIR_Z", "deg", 0.0, "wind: angle by which it rises", 90.0),
+    _real("SIM_WIND_TURB", "m/s", 0.0, "wind: standard deviation of its turbulence, none on the ground", 0.0),
+    _real("SIM_WIND_TC", "s", 5.0, "wind: time constant of its changes", 0.0),
+    _whole("SIM_WIND_T", 0, "wind below SIM_WIND_T_ALT: 0 root of the height, 1 constant, 2 SIM_WIND_T_COEF", 0, 2),
+    _real("SIM_WIND_T_ALT", "m", 60.0, "wind: height of its full speed", _POSITIVE),
+    _signed("SIM_WIND_T_COEF", "1/s", 0.01, "wind: speed over height, with SIM_WIND_T 2", 100.0),
     _whole("SIM_ENGINE_FAIL", 0, "failed motors, sum of 1, 2, 4, ... for the first, second, third, ...", 0, 255),
     _signed("SIM_ENGINE_MUL", "1", 0.0, "share of their commands that failed motors obey", 1.0),
 )

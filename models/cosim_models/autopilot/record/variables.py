@@ -280,6 +280,12 @@ MEMORY = (
     Memory("land_pause"),  # s until LAND descends
     # failing sensors
     Memory("sim_on", dtype="?"),
+    Memory("wind_speed", rare=True),  # that SIM_WIND_* ask for, after SIM_WIND_TC, m/s
+    Memory("wind_from", rare=True),  # deg
+    Memory("wind_rise", rare=True),  # deg
+    Memory("wind_turbulence", shape=2, rare=True),  # horizontal and down, m/s
+    Memory("wind_draws", dtype="i4", rare=True),
+    Memory("wind_told", dtype="?", rare=True),
     Memory("position_lost", dtype="?"),
     Memory("estimate_error", shape=3, rare=True),  # north, east, up
     Memory("error_rate", shape=3, rare=True),
@@ -391,6 +397,13 @@ VARIABLES = (
         description="measured voltage of the battery; negative: the autopilot simulates a battery itself",
     ),
     Input("supply_current", unit="A", verdict=Role.OPTIONAL, description="measured current of the battery"),
+    Input(
+        "adds_wind",
+        type=bool,
+        start=False,
+        verdict=Role.OPTIONAL,
+        description="true: the vehicle takes the wind `added_wind`; false refuses SIM_WIND_*",
+    ),
     PacketInput("mavlink_rx", capacity=2048, description="packets received on board and from the swarm's radio"),
     PacketInput(
         "telemetry_rx",
@@ -416,6 +429,14 @@ VARIABLES = (
         description="position on the shaped path, NED",
     ),
     Output("desired_velocity", shape=3, unit="m/s", start=0.0, description="velocity on the shaped path, NED"),
+    Output(
+        "added_wind",
+        shape=3,
+        unit="m/s",
+        start=0.0,
+        verdict=Role.OPTIONAL,
+        description="wind that SIM_WIND_* ask for, NED",
+    ),
     PacketOutput("mavlink_tx", capacity=4096, description="packets sent on board and by the swarm's radio"),
     PacketOutput(
         "telemetry_tx", capacity=4096, verdict=Role.TELEMETRY, description="packets sent to ground stations by radio"

@@ -145,7 +145,10 @@ def _accelerations(
 ) -> tuple[Vector, Vector, Vector]:
     """Returns acceleration [m/s2, NED], angular acceleration [rad/s2, FRD] and specific force [m/s2, FRD]."""
     r = rotation_matrix(q)
-    air = to_body(r, (velocity[0] - m.wind[0], velocity[1] - m.wind[1], velocity[2] - m.wind[2]))
+    wind = load(m.wind)
+    if m.is_blown:
+        wind = along(wind, 1.0, load(m.added_wind))
+    air = to_body(r, (velocity[0] - wind[0], velocity[1] - wind[1], velocity[2] - wind[2]))
     force, torque = _air_forces(m, stage, air, rates)
     if position[2] + m.reach > m.surface:
         push, tip = _ground_forces(m, position, velocity, r, rates)
@@ -187,6 +190,7 @@ def _meet_surroundings(m: Any) -> None:
     """Reads the inputs by which the surroundings act: their force, and their effect on the thrust."""
     m.thrust_now = m.thrust_constant * m.thrust_factor
     m.is_pushed = m.force[0] != 0.0 or m.force[1] != 0.0 or m.force[2] != 0.0
+    m.is_blown = m.added_wind[0] != 0.0 or m.added_wind[1] != 0.0 or m.added_wind[2] != 0.0
 
 
 @kernel
