@@ -115,7 +115,10 @@ def test_fmi_3_has_them_as_an_annotation() -> None:
 @pytest.mark.parametrize(
     ("variable", "complaint"),
     [
-        (Parameter("y", verdict=Role.OPTIONAL), "y: only an input or output can be OPTIONAL, this is of role parameter"),
+        (
+            Parameter("y", verdict=Role.OPTIONAL),
+            "y: only an input or output can be OPTIONAL, this is of role parameter",
+        ),
         (Input("u", shape=3, verdict=Role.POSITION), "u: verdict POSITION is for an output of 3 of kind Real"),
         (Output("y", shape=2, verdict=Role.POSITION), "y: verdict POSITION is for an output of 3 of kind Real"),
         (Output("y", verdict=Role.ARMED), "y: verdict ARMED is for an output of kind Boolean"),

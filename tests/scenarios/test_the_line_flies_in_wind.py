@@ -15,7 +15,9 @@ from cosim_master import Swarm
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
+from cosim_master.fmi.description.read import describe
 from cosim_master.stepping.observation import Progress
+from cosim_master.system.authoring.swarm.drone import wired_by_name
 from cosim_master.system.authoring.swarm.new import new_system
 from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
 from tests.scenarios.test_battery_ends_a_flight import with_power
@@ -134,11 +136,30 @@ def test_the_same_bits_with_two_threads_and_after_an_interruption(fmus: Path, tm
     assert (tmp_path / "seed" / FILES[0]).read_bytes() != (tmp_path / "one" / FILES[0]).read_bytes()
 
 
+def with_wind(text: str) -> str:
+    """Connects a drone's autopilot with its vehicle by the wind that SIM_WIND_* ask for."""
+    ways = {"Quadrotor": ("input", "output"), "Autopilot": ("output", "input")}
+    for model, (wind, told) in ways.items():
+        ports = "".join(
+            f'<ssd:Connector name="added_wind[{i}]" kind="{wind}"><ssc:Real unit="m/s"/></ssd:Connector>'
+            for i in (1, 2, 3)
+        )
+        ports += f'<ssd:Connector name="adds_wind" kind="{told}"><ssc:Boolean/></ssd:Connector>'
+        first, found, rest = text.partition(f'source="../../../fmus/{model}.fmu">')
+        text = first + found + rest.replace("<ssd:Connectors>", "<ssd:Connectors>" + ports, 1)
+    wires = [("autopilot", f"added_wind[{i}]", "vehicle") for i in (1, 2, 3)] + [("vehicle", "adds_wind", "autopilot")]
+    made = "".join(
+        f'<ssd:Connection startElement="{source}" startConnector="{port}" endElement="{target}" endConnector="{port}"/>'
+        for source, port, target in wires
+    )
+    return text.replace("</ssd:Connections>", made + "</ssd:Connections>", 1)
+
+
 def test_swarm_writes_it(fmus: Path, tmp_path: Path) -> None:
     """The pattern is a drone of line5 with a battery; the files of the system are those that Swarm saves."""
     pattern = copy_of("line5", tmp_path, fmus)
     drone = pattern / "drone.ssd"
-    drone.write_text(with_power(drone.read_text(encoding="utf-8")), encoding="utf-8")
+    drone.write_text(with_wind(with_power(drone.read_text(encoding="utf-8"))), encoding="utf-8")
     swarm = Swarm("windy", like=pattern, fmus=tmp_path / "fmus")
     for i, (east, altitude) in enumerate(STARTS):
         swarm.add(position=(0.0, east), stays=i in (0, 4), values={"agent.altitude": altitude})
@@ -212,12 +233,15 @@ def test_wind_that_nothing_takes_is_not_recorded(tmp_path: Path, fmus: Path) -> 
     still = fly(SYSTEMS / "line5", tmp_path / "line5", until=0.1)
     assert not [name for name in still.signals if "adds_wind" in name or "added_wind" in name]
     asked = fly(SYSTEMS / "line5", tmp_path / "asked", until=0.1, record=["*.added_wind*"])
-    assert len(asked.signals) == 1 + 5 * 6  # time; of autopilot and vehicle
+    assert len(asked.signals) == 1 + 5 * 3  # time, and that of five autopilots
 
 
-def test_new_swarms_connect_the_wind_of_the_autopilot(tmp_path: Path, fmus: Path) -> None:
-    out = tmp_path / "new"
-    new_system(out, drones=1, parts={"vehicle": "Quadrotor", "autopilot": "Autopilot"})
-    text = "".join(file.read_text(encoding="utf-8") for file in out.rglob("*.ssd"))
-    assert text.count('startElement="autopilot" startConnector="added_wind[') == 3
-    assert 'startElement="vehicle" startConnector="adds_wind"' in text
+def test_parts_of_new_swarms_are_connected_by_the_wind_of_the_autopilot(fmus: Path) -> None:
+    parts = {name: describe(fmus / f"{file}.fmu") for name, file in (("vehicle", "Y6"), ("autopilot", "Autopilot"))}
+    made = {
+        (one.start_element, one.start_connector, one.end_element)
+        for one in wired_by_name(parts).system.connections
+        if "wind" in one.end_connector
+    }
+    added = {("autopilot", f"added_wind[{i}]", "vehicle") for i in (1, 2, 3)}
+    assert made == {*added, ("vehicle", "adds_wind", "autopilot")}

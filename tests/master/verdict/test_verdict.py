@@ -64,7 +64,7 @@ def test_verdicts_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
     [
         ('<Position variable="y"/>', 'its verdict <Position> of "y" is ignored: it must be of causality output and'),
         ('<Armed variable="z"/>', 'its verdict <Armed> of "z" is ignored: there is no such variable'),
-        ('<Optional variable="p"/>', "it is of causality parameter, only inputs and outputs are optional"),
+        ('<Optional variable="r"/>', "it is of causality parameter, only inputs and outputs are optional"),
         (
             '<Great variable="y"/>',
             "there are Condition, Reason, Bound, Values, Formation, Rotors, Logged, Position, Attitude, Velocity",
@@ -89,7 +89,7 @@ def test_verdicts_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
     ],
 )
 def test_verdict_that_cannot_be_is_a_note(inner: str, note: str, workshop: Workshop) -> None:
-    outputs = [variable("y", "output"), variable("n", "output", "Integer")]
+    outputs = [variable("y", "output"), variable("n", "output", "Integer"), variable("r", "parameter")]
     fmu = describe(workshop.fmu("a.fmu", *outputs, extra=verdict_tool(inner)))
     assert fmu.verdicts == {}
     assert sum(note in text for text in fmu.notes) == 1
