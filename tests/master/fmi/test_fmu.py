@@ -196,6 +196,17 @@ class TestFatal:
         assert old in text
         assert message in self.problems(workshop.pack("a.fmu", text.replace(old, new)))
 
+    @pytest.mark.parametrize("kinds", ["", ' dependenciesKind="dependent fixed"'])
+    def test_dependencies_with_kinds_and_without(self, workshop: Any, variable: Any, kinds: str) -> None:
+        """FMPy reads the former ones; spaces around are allowed."""
+        text = workshop.description([variable("u"), variable("v"), variable("y", "output"), variable("z", "output")])
+        assert text.count('<Unknown index="3" dependencies=""/>') == 2  # among outputs and among initial unknowns
+        text = text.replace('<Unknown index="3" dependencies=""/>', f'<Unknown index="3" dependencies=" 2  1 "{kinds}/>')
+        read = describe(workshop.pack("a.fmu", text))
+        assert read.outputs == {"y": ("v", "u"), "z": ()}
+        assert read.initial_unknowns == {"y": ("v", "u"), "z": ()}
+        assert not read.notes
+
     def test_an_item_that_is_no_integer(self, workshop: Any, variable: Any) -> None:
         mode = variable("mode", kind="Enumeration", declaredType="Mode")
         text = workshop.description([mode], types=ENUMERATION.replace('value="5"', 'value="five"'))
