@@ -88,7 +88,7 @@ def test_shipped_lines_in_parts(fmus: Path, tmp_path: Path, name: str, parts: in
     assert sorted(unit for one in told for unit in one["units"]) == DRONES
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(parts=st.lists(st.integers(0, 3), min_size=5, max_size=5).map(lambda p: [sorted({*p}).index(one) for one in p]))
 def test_any_assignment_of_a_lossy_line(
     lossy: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory, parts: list[int]
@@ -124,10 +124,11 @@ def test_other_radios(fmus: Path, tmp_path: Path, change: Callable[[str], str]) 
 
 
 @pytest.mark.slow
-def test_a_grid_of_two_hundred(fmus: Path, tmp_path: Path) -> None:
-    system = new_system("flocking", 200, tmp_path / "grid", fmus=fmus, spacing=8.0, until=4.0)
-    options = {"until": 4.0, "overrides": {"network.range": "20"}, "record": ("*.vehicle.position*",)}
+def test_a_grid_of_a_hundred(fmus: Path, tmp_path: Path) -> None:
+    system = new_system("flocking", 100, tmp_path / "grid", fmus=fmus, spacing=8.0, until=2.0)
+    options = {"until": 2.0, "overrides": {"network.range": "20"}, "record": ("*.vehicle.position*",)}
     whole = fly(system, tmp_path / "whole", **options)
+    assert whole.result.packets["delivered"] > 1000
     for parts in (2, 4):
         result, errors = run_in_parts(system, RunOptions(out=tmp_path / "parts", **options), parts)  # type: ignore[arg-type]
         assert (result.outcome, errors) == ("done", [])

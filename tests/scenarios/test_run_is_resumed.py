@@ -32,7 +32,7 @@ def line5(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(interrupted=st.floats(EVERY, UNTIL - 0.1), seed=st.integers(0, 2**53), threads=st.sampled_from([1, 2]))
 def test_interrupted_and_resumed_is_the_same_to_the_last_byte(
     interrupted: float, seed: int, threads: int, line5: Path, tmp_path: Path
