@@ -29,6 +29,7 @@ from cosim_master.stepping.control import Control
 from cosim_master.stepping.observation import Progress
 from cosim_master.system.settings.time_grid import TimeGrid
 from tests.master.fmus.probe import model, slave
+from tests.master.forks import Forks
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -302,14 +303,15 @@ def test_an_fmu_that_aborts_when_freed(probes: Any, tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 @pytest.mark.parametrize(("mode", "number"), [(14, signal.SIGABRT), (15, signal.SIGSEGV)])
-def test_an_fmu_that_crashes_in_a_step(probes: Any, tmp_path: Path, mode: int, number: signal.Signals) -> None:
+def test_an_fmu_that_crashes_in_a_step(
+    probes: Any, tmp_path: Path, forks: Forks, mode: int, number: signal.Signals
+) -> None:
     """It takes the process with it; who it was is said, and the rows up to there and the manifest are on disk."""
     probes.fmu()
     probes.fmu("other.fmu", guid="other")
     parts = probes.component("a") + probes.component("b", "other.fmu", mode=mode, when=1.0)
-    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(probes.ssd(parts))]
     environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
-    done = subprocess.run([*command, "-o", "out", *HERE], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = forks.run(["run", str(probes.ssd(parts)), "-o", "out", *HERE], tmp_path, environment)
     assert done.returncode == 1
     text = f"b: fmi2DoStep failed at t = 1 s: other.fmu crashed ({number.name}) and takes the process with it"
     assert f"error: {text}" in done.stderr

@@ -201,7 +201,9 @@ class TestFatal:
         """FMPy reads the former ones; spaces around are allowed."""
         text = workshop.description([variable("u"), variable("v"), variable("y", "output"), variable("z", "output")])
         assert text.count('<Unknown index="3" dependencies=""/>') == 2  # among outputs and among initial unknowns
-        text = text.replace('<Unknown index="3" dependencies=""/>', f'<Unknown index="3" dependencies=" 2  1 "{kinds}/>')
+        text = text.replace(
+            '<Unknown index="3" dependencies=""/>', f'<Unknown index="3" dependencies=" 2  1 "{kinds}/>'
+        )
         read = describe(workshop.pack("a.fmu", text))
         assert read.outputs == {"y": ("v", "u"), "z": ()}
         assert read.initial_unknowns == {"y": ("v", "u"), "z": ()}

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+import os
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pytest
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
+from tests.master.forks import Forks
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -80,16 +80,14 @@ def test_everything_wrong_with_changes_at_once(stricts: Any) -> None:
     assert len(messages) == len(wrong)
 
 
-def test_the_option_takes_two_words(stricts: Any, tmp_path: Path) -> None:
+def test_the_option_takes_two_words(stricts: Any, tmp_path: Path, forks: Forks) -> None:
     stricts.fmu()
     system = stricts.ssd(stricts.component("a", u=1.0))
-    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(system), "-o", "out"]
-    done = subprocess.run(
-        [*command, "--at", "1", "a.p=3", "--at", "1.5", "a.p=5"], cwd=tmp_path, capture_output=True, text=True
-    )
+    words = ["run", str(system), "-o", "out"]
+    done = forks.run([*words, "--at", "1", "a.p=3", "--at", "1.5", "a.p=5"], tmp_path, os.environ)
     assert done.returncode == 0, done.stderr
     assert pq.read_table(tmp_path / "out" / "signals.parquet")["a.y"].to_pylist() == [0.0, 0.5, 1.0, 2.5, 5.0]
-    done = subprocess.run([*command, "--at", "1", "a.p"], cwd=tmp_path, capture_output=True, text=True)
+    done = forks.run([*words, "--at", "1", "a.p"], tmp_path, os.environ)
     *stages, said = done.stderr.splitlines()
     assert (done.returncode, said) == (2, "error: --at 1 a.p: write --at TIME COMPONENT.PARAMETER=VALUE")
     assert all(stage.endswith(" ...") for stage in stages), stages  # of stages that took longer than a second

@@ -19,6 +19,7 @@ from cosim_master.results.reading.read import signals
 from tests.master import processes
 from tests.master.conftest import Workshop
 from tests.master.fmi.test_isolation import Faulties, _folder
+from tests.master.forks import Forks
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="crashes are caught on Linux")
@@ -43,7 +44,7 @@ FUNCTIONS = {
 
 
 @pytest.fixture
-def run(workshop: Workshop, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(workshop: Workshop, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, forks: Forks) -> Run:
     """Runs two instances of a faulty file; the variable of instance `bad1` is that of the file."""
     faulties = Faulties(workshop, _folder(tmp_path_factory))
     (tmp_path / "temporary").mkdir()
@@ -52,9 +53,7 @@ def run(workshop: Workshop, tmp_path: Path, tmp_path_factory: pytest.TempPathFac
 
     def runs(fault: str, *options: str) -> subprocess.CompletedProcess[str]:
         system = faulties.system(fault, same_file=True, names=NAMES)
-        command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(system)]
-        command += ["-o", "out", "--isolate", "none", *options]
-        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        return forks.run(["run", str(system), "-o", "out", "--isolate", "none", *options], tmp_path, environment)
 
     return runs
 

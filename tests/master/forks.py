@@ -1,0 +1,75 @@
+"""Commands of `uav-cosim` in processes of their own that need not import anything: forks of one that has.
+
+Imports are two thirds of the processor time of a short command. The process that forks has one thread and has run
+nothing; a fork ends as an interpreter does that has executed `from cosim_master.cli import main; main()`.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+__all__ = ["Forks", "forking"]
+
+_PROGRAM = """
+import json, os, sys, threading
+from cosim_master.cli import main
+import cosim_master.execution.simulate
+
+assert threading.active_count() == 1
+for line in sys.stdin:
+    job = json.loads(line)
+    if (child := os.fork()) == 0:
+        break
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+else:
+    sys.exit()
+os.chdir(job["folder"])
+os.environ.clear()
+os.environ.update(job["environment"])
+for number, name in enumerate((os.devnull, job["out"], job["err"])):
+    file = os.open(name, os.O_RDWR)
+    os.dup2(file, number)
+    os.close(file)
+sys.argv = ["-c", *job["words"]]
+main()
+"""
+
+
+class Forks:
+    """A process that forks for each command."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._process = process
+
+    def run(self, words: list[str], folder: Path, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+        """The end of a command, as that of `subprocess.run` with captured text.
+
+        Args:
+            words: those behind `uav-cosim`.
+            folder: where it runs; the files `stdout` and `stderr` beside it have what it prints.
+        """
+        out, err = (folder.with_name(f"{folder.name}-{name}") for name in ("stdout", "stderr"))
+        for file in (out, err):
+            file.write_bytes(b"")
+        job = {"words": words, "folder": str(folder), "environment": {**environment}, "out": str(out), "err": str(err)}
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(json.dumps(job) + "\n")
+        self._process.stdin.flush()
+        code = int(self._process.stdout.readline())
+        return subprocess.CompletedProcess(words, code, out.read_text(), err.read_text())
+
+
+@contextmanager
+def forking() -> Iterator[Forks]:
+    """Starts the process, and ends it."""
+    command = [sys.executable, "-c", _PROGRAM]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        yield Forks(process)
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait(60) == 0
