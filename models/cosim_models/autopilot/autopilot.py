@@ -28,6 +28,7 @@ from cosim_models.autopilot.commander.sensors import add_errors, fail_motors
 from cosim_models.autopilot.commander.switches import LAST_POSITION
 from cosim_models.autopilot.commander.wind import blow, start_wind
 from cosim_models.autopilot.control.attitude import run_rates
+from cosim_models.autopilot.control.low_pass import low_pass, settle_low_pass, tune_low_pass
 from cosim_models.autopilot.control.mixer import motor_factors
 from cosim_models.autopilot.control.motors import air_density_ratio, learn_hover_throttle, run_motors
 from cosim_models.autopilot.control.position import GRAVITY, initialise_ne, initialise_up, set_limits
@@ -53,46 +54,14 @@ _NO_MIXER, _BAD_SYSID, _NOT_FINITE, _BAD_GAIN, _BAD_LEAN = 1, 2, 3, 4, 5
 
 
 @kernel
-def _tune_filter(c: Any, cutoff: float, dt: float) -> None:
-    """Sets the coefficients b0, a1, a2 of a second-order Butterworth low-pass; b0 = 1, the rest 0 without a cutoff."""
-    if cutoff <= 0.0 or 2.0 * cutoff * dt >= 1.0:
-        c[0], c[1], c[2] = 1.0, 0.0, 0.0
-        return
-    w = math.tan(math.pi * cutoff * dt)
-    scale = 1.0 + math.sqrt(2.0) * w + w * w
-    c[0] = w * w / scale
-    c[1] = 2.0 * (w * w - 1.0) / scale
-    c[2] = (1.0 - math.sqrt(2.0) * w + w * w) / scale
-
-
-@kernel
-def _filter(s: Any, c: Any, value: float) -> float:
-    """Performs one step of the low-pass over its two delays `s`."""
-    if c[0] == 1.0:
-        return value
-    now = value - c[1] * s[0] - c[2] * s[1]
-    result = c[0] * (now + 2.0 * s[0] + s[1])
-    s[1] = s[0]
-    s[0] = now
-    return float(result)
-
-
-@kernel
-def _settle_filter(s: Any, c: Any, value: float) -> None:
-    """Sets the delays as if `value` had been the input forever."""
-    s[0] = value / (1.0 + c[1] + c[2])
-    s[1] = s[0]
-
-
-@kernel
 def _tune(m: Any, dt: float) -> None:
     """Sets the filter coefficients for steps of dt and settles the filters on the current inputs."""
     m.filter_dt = dt
-    _tune_filter(m.gyro_filter, m.INS_GYRO_FILTER, dt)
-    _tune_filter(m.accel_filter, m.INS_ACCEL_FILTER, dt)
+    tune_low_pass(m.gyro_filter, m.INS_GYRO_FILTER, dt)
+    tune_low_pass(m.accel_filter, m.INS_ACCEL_FILTER, dt)
     for i in range(3):
-        _settle_filter(m.gyro_delay[i], m.gyro_filter, m.angular_velocity[i])
-        _settle_filter(m.accel_delay[i], m.accel_filter, m.specific_force[i])
+        settle_low_pass(m.gyro_delay[i], m.gyro_filter, m.angular_velocity[i])
+        settle_low_pass(m.accel_delay[i], m.accel_filter, m.specific_force[i])
 
 
 @kernel
@@ -113,10 +82,10 @@ def _sense(m: Any) -> bool:
         sign = -1.0 if i == 2 else 1.0
         m.position_neu[i] = sign * m.position[i]
         m.velocity_neu[i] = sign * m.velocity[i]
-        m.gyro[i] = _filter(m.gyro_delay[i], m.gyro_filter, m.angular_velocity[i])
-    fx = _filter(m.accel_delay[0], m.accel_filter, m.specific_force[0])
-    fy = _filter(m.accel_delay[1], m.accel_filter, m.specific_force[1])
-    fz = _filter(m.accel_delay[2], m.accel_filter, m.specific_force[2])
+        m.gyro[i] = low_pass(m.gyro_delay[i], m.gyro_filter, m.angular_velocity[i])
+    fx = low_pass(m.accel_delay[0], m.accel_filter, m.specific_force[0])
+    fy = low_pass(m.accel_delay[1], m.accel_filter, m.specific_force[1])
+    fz = low_pass(m.accel_delay[2], m.accel_filter, m.specific_force[2])
     an, ae, ad = rotate((float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3])), (fx, fy, fz))
     m.acceleration_neu[0], m.acceleration_neu[1], m.acceleration_neu[2] = an, ae, -(ad + GRAVITY)
     return True

@@ -11,6 +11,7 @@ fails, the estimate has an error, which is added to that motion:
 - Accelerometer: its error downwards becomes one of the climb rate, which the estimate corrects slowly (0.15/s), and not
   at all beyond its gate of 3 m/s; 2.5 s later the estimate is reset, and trusts the accelerometer again after 9.4 s.
   The vibration is added to the acceleration, behind the filter.
+- Accelerometer and gyro to the side: see `inertial`.
 - Compass: offsets other than the calibrated ones turn the heading of the estimate, slowly.
 
 A reset moves the desired motion, too, so that the vehicle does not jump. Kernels over the autopilot's record `m`.
@@ -27,6 +28,14 @@ from typing import Any
 
 from cosim.frames import deg_e7, geodetic_from_local, rotate, wrap_pi
 from cosim.kernel import kernel
+from cosim_models.autopilot.commander.inertial import (
+    add_tilt,
+    errs_sideways,
+    forget_tilt,
+    is_tilted,
+    shake_gyro,
+    watch_tilt,
+)
 from cosim_models.autopilot.commander.wind import watch_wind, wind_is_on
 from cosim_models.autopilot.control.motors import GROUND_IDLE
 from cosim_models.autopilot.link.statustext import CRITICAL, GLITCH, GLITCH_CLEARED, INFO, NO_NUMBER, USING_GPS, say
@@ -35,6 +44,7 @@ __all__ = ["add_errors", "fail_motors", "told_by_gps", "watch_sensors"]
 
 _PER_DEGREE = 111318.84502145034  # m of latitude, ArduPilot's LATLON_TO_M
 _GATE, _GATE_UP = 2.5, 10.0  # m
+_GATE_SLIP = 0.65  # s, by which the gate grows with an error of the velocity
 _GAIN, _GAIN_UP = 1.0, 0.3  # 1/s
 _RETRY = 10.0  # s after which what is rejected is believed
 _LOST = 7.0  # s without GPS
@@ -81,7 +91,7 @@ def _is_on(m: Any) -> bool:
     off = _compass_offset(m)
     if abs(off[0]) + abs(off[1]) + abs(off[2]) > _SAME:
         return True
-    if wind_is_on(m):
+    if wind_is_on(m) or errs_sideways(m) or (m.sim_on and is_tilted(m)):
         return True
     if m.SIM_ACC1_BIAS_Z != 0.0 or vibrates(m) or (m.sim_on and abs(m.climb_error) > _SAME):
         return True
@@ -138,9 +148,10 @@ def _watch_gps(m: Any, t: float) -> None:
         _reset(m, 1, e)
         say(m, INFO, USING_GPS, NO_NUMBER)
     away_n, away_e = n - m.estimate_error[0], e - m.estimate_error[1]
-    m.position_ratio = math.sqrt(away_n * away_n + away_e * away_e) / _GATE
+    slip = math.sqrt(m.slip_error[0] * m.slip_error[0] + m.slip_error[1] * m.slip_error[1])
+    m.position_ratio = math.sqrt(away_n * away_n + away_e * away_e) / (_GATE + _GATE_SLIP * slip)
     if m.position_ratio < 1.0:
-        if m.imu_rejected_at == _NEVER:
+        if m.imu_rejected_at == _NEVER and m.slip_rejected_at == _NEVER:
             m.gps_rejected_at = _NEVER
         m.error_rate[0], m.error_rate[1] = _GAIN * away_n, _GAIN * away_e
         return
@@ -205,6 +216,17 @@ def _watch_compass(m: Any) -> None:
 
 
 @kernel
+def _watch_tilt(m: Any, t: float) -> None:
+    """Lets errors of accelerometer and gyro to the side act on the estimate."""
+    m.tilt_on = errs_sideways(m) or is_tilted(m)
+    if not m.tilt_on:
+        forget_tilt(m)
+    elif watch_tilt(m, t):
+        _reset(m, 0, m.SIM_GPS1_GLTCH_X * _PER_DEGREE)
+        _reset(m, 1, m.SIM_GPS1_GLTCH_Y * _PER_DEGREE * math.cos(m.origin_latitude))
+
+
+@kernel
 def watch_sensors(m: Any, t: float) -> None:
     """Updates the errors of the estimate; called ten times a second."""
     watch_wind(m)
@@ -220,12 +242,14 @@ def watch_sensors(m: Any, t: float) -> None:
         m.yaw_error = 0.0
         m.climb_error = m.vibration_phase = m.imu_ignored_until = 0.0
         m.imu_rejected_at = _NEVER
+        forget_tilt(m)
     _watch_gps(m, t)
     _watch_barometer(m, t)
     if m.SIM_ACC1_BIAS_Z != 0.0 or m.climb_error != 0.0:
         _watch_accelerometer(m, t)
-    _watch_glitch(m, t)
     _watch_compass(m)
+    _watch_tilt(m, t)
+    _watch_glitch(m, t)
 
 
 @kernel
@@ -269,6 +293,10 @@ def add_errors(m: Any, dt: float) -> None:
     c, s = math.cos(m.yaw_error), math.sin(m.yaw_error)
     n, e = m.acceleration_neu[0], m.acceleration_neu[1]
     m.acceleration_neu[0], m.acceleration_neu[1] = c * n - s * e, s * n + c * e
+    if m.tilt_on:
+        add_tilt(m, dt)
+        if m.SIM_GYR1_RND != 0.0:
+            shake_gyro(m, dt)
 
 
 @kernel

@@ -344,6 +344,8 @@ SENSOR_PARAMETERS = _rare(
     _signed("SIM_MAG1_OFS_X", "1", 5.0, "compass: offset forward in mGauss; it is calibrated for 5, 13, -18", 1e4),
     _signed("SIM_MAG1_OFS_Y", "1", 13.0, "compass: offset to the right in mGauss", 1e4),
     _signed("SIM_MAG1_OFS_Z", "1", -18.0, "compass: offset down in mGauss", 1e4),
+    _signed("SIM_ACC1_BIAS_X", "m/s2", 0.0, "accelerometer: error forwards", 20.0),
+    _signed("SIM_ACC1_BIAS_Y", "m/s2", 0.0, "accelerometer: error to the right", 20.0),
     _signed("SIM_ACC1_BIAS_Z", "m/s2", 0.0, "accelerometer: error downwards", 20.0),
     _real("SIM_ACC1_RND", "m/s2", 0.0, "accelerometer: amplitude of the vibration while the motors turn", 0.0),
     *(
@@ -352,6 +354,11 @@ SENSOR_PARAMETERS = _rare(
         )
         for axis, way in (("X", "forwards"), ("Y", "to the right"), ("Z", "downwards"))
     ),
+    *(
+        _signed(f"SIM_GYR1_BIAS_{axis}", "rad/s", 0.0, f"gyro: error of the {name} rate", 20.0)
+        for axis, name in (("X", "roll"), ("Y", "pitch"), ("Z", "yaw"))
+    ),
+    _real("SIM_GYR1_RND", "deg/s", 0.0, "gyro: greatest noise at full throttle", 0.0),
     _real("SIM_WIND_SPD", "m/s", 0.0, "wind: speed at the height SIM_WIND_T_ALT", 0.0),
     _signed("SIM_WIND_DIR", "deg", 180.0, "wind: direction from which it blows", 360.0),
     _signed("SIM_WIND_DIR_Z", "deg", 0.0, "wind: angle by which it rises", 90.0),

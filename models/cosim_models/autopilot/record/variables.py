@@ -280,6 +280,17 @@ MEMORY = (
     Memory("land_pause"),  # s until LAND descends
     # failing sensors
     Memory("sim_on", dtype="?"),
+    Memory("tilt_on", dtype="?", rare=True),  # accelerometer or gyro errs, or has left an error
+    Memory("tilt_error", shape=2, rare=True),  # of the estimate about north and east, rad
+    Memory("tilt_rate", shape=2, rare=True),
+    Memory("slip_error", shape=2, rare=True),  # of its velocity to north and east, m/s
+    Memory("slip_rate", shape=2, rare=True),
+    Memory("slip_force", shape=2, rare=True),  # of its acceleration, m/s2
+    Memory("slip_rejected_at", rare=True),
+    Memory("gyro_learned", shape=3, rare=True),  # correction of the gyro, FRD, rad/s
+    Memory("learning", shape=3, rare=True),
+    Memory("gyro_delays", shape=(3, 2), rare=True),  # of the low-pass of its noise
+    Memory("gyro_draws", dtype="i4", rare=True),
     Memory("wind_speed", rare=True),  # that SIM_WIND_* ask for, after SIM_WIND_TC, m/s
     Memory("wind_from", rare=True),  # deg
     Memory("wind_rise", rare=True),  # deg
