@@ -55,13 +55,14 @@ from cosim_models.autopilot.gcs.parameters import parameter_protocol
 from cosim_models.autopilot.gcs.record import MISSION, pilot_variables
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.targets import go_to, hold_here, home_here, is_place, locate
-from cosim_models.autopilot.gcs.words import MISSION_COMPLETE, NO_VTOL, say
+from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_VTOL, say
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
     circle,
     cruise_speed,
     fly,
+    keep_groundspeed,
     launch,
     rest,
     take_off,
@@ -124,6 +125,8 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     m.taking_off = False
     hold_here(m)
     if mode == _TAKEOFF:
+        if not m.on_ground:
+            say(m, MAV_SEVERITY_INFO, CLIMBING, 0)
         launch(m, m.home[2] - m.TKOFF_ALT)
     elif mode == _RTL:
         go_to(m, m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE)
@@ -159,6 +162,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
     if command == MAV_CMD_DO_SET_MISSION_CURRENT:
         return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_CHANGE_SPEED:
+        if p1 == 1.0:
+            return keep_groundspeed(m, p2)
         if p1 != 0.0:
             return MAV_RESULT_FAILED
         if not m.AIRSPEED_MIN <= p2 <= m.AIRSPEED_MAX:

@@ -36,6 +36,7 @@ from cosim.messages import (
     MAV_RESULT_FAILED,
     MAV_RESULT_UNSUPPORTED,
     MAV_SEVERITY_INFO,
+    MAV_SEVERITY_NOTICE,
     MAV_TYPE_FIXED_WING,
     MAV_TYPE_VTOL_QUADROTOR,
     SET_POSITION_TARGET_GLOBAL_INT,
@@ -55,11 +56,12 @@ from cosim_models.autopilot.gcs.parameters import parameter_protocol
 from cosim_models.autopilot.gcs.record import MISSION, pilot_variables, real, whole
 from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, stream
 from cosim_models.autopilot.gcs.targets import go_to, hold_here, home_here, is_place, locate
-from cosim_models.autopilot.gcs.words import MISSION_COMPLETE, say
+from cosim_models.autopilot.gcs.words import MISSION_COMPLETE, TAKEOFF_GUIDED, TRANSITION_AUTO, say
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
     cruise_speed,
+    keep_groundspeed,
     launch,
     rest,
     take_off,
@@ -215,19 +217,28 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
     if command == MAV_CMD_NAV_LOITER_UNLIM:
         return _enter(m, _LOITER, t)
     if command == MAV_CMD_NAV_TAKEOFF:
+        if m.mode != _GUIDED:
+            say(m, MAV_SEVERITY_INFO, TAKEOFF_GUIDED, 0)
         if m.mode != _GUIDED or not m.armed or not m.on_ground or m.taking_off or not p7 > 0.0:
             return MAV_RESULT_FAILED
         _rise(m, m.position[2] - p7)
         return MAV_RESULT_ACCEPTED
     if command == MAV_CMD_DO_VTOL_TRANSITION:
-        if m.mode != _AUTO or p1 not in (float(_STATE_MC), float(_STATE_FW)):
+        if m.mode != _AUTO:
+            say(m, MAV_SEVERITY_NOTICE, TRANSITION_AUTO, 0)
+            return MAV_RESULT_FAILED
+        if p1 not in (float(_STATE_MC), float(_STATE_FW)):
             return MAV_RESULT_FAILED
         m.vtol_mode = p1 == float(_STATE_MC)
         return MAV_RESULT_ACCEPTED
     if command == MAV_CMD_DO_SET_MISSION_CURRENT:
         return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_CHANGE_SPEED:
-        if p1 != 0.0 or not m.AIRSPEED_MIN <= p2 <= m.AIRSPEED_MAX:
+        if p1 == 1.0:
+            return keep_groundspeed(m, p2)
+        if p1 != 0.0:
+            return MAV_RESULT_FAILED
+        if not m.AIRSPEED_MIN <= p2 <= m.AIRSPEED_MAX:
             return MAV_RESULT_DENIED
         m.cruise = p2
         return MAV_RESULT_ACCEPTED

@@ -2,7 +2,8 @@
 
 In GUIDED it follows positions and velocities, in AUTO missions, in RTL it drives home. HOLD stops; LOITER stays within
 LOIT_RADIUS, as do boats wherever a rover stops. It cannot climb: heights are ignored, take-off and landing are refused
-as ArduRover refuses them (UNSUPPORTED). There is no pilot, so MANUAL stands still.
+as ArduRover refuses them (UNSUPPORTED). There is no pilot, so MANUAL stands still, and ACRO,
+STEERING and SIMPLE brake and stand still.
 
 Speed control is feed-forward, proportional and integral over the throttle; steering turns the vehicle towards its
 target with a rate that the curvature at the present speed allows.
@@ -74,14 +75,18 @@ class RoverMode(IntEnum):
     """Modes, by ArduRover's numbers."""
 
     MANUAL = 0
+    ACRO = 1
+    STEERING = 3
     HOLD = 4
     LOITER = 5
+    SIMPLE = 7
     AUTO = 10
     RTL = 11
     GUIDED = 15
 
 
-_MANUAL, _HOLD, _LOITER, _AUTO, _RTL, _GUIDED = (int(mode) for mode in RoverMode)
+_MANUAL, _ACRO, _STEERING, _HOLD, _LOITER, _SIMPLE, _AUTO, _RTL, _GUIDED = (int(mode) for mode in RoverMode)
+_PILOTED = (_ACRO, _STEERING, _SIMPLE)  # with sticks in the middle, they stop
 _MODES = (0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16)  # of ArduRover
 _TIMEOUT = 3.0  # s after which a velocity is no longer followed
 _STANDING = 0.05  # m/s
@@ -120,7 +125,7 @@ _hear_mission = mission_protocol(_FLOWN)
 
 @kernel
 def _change_mode(m: Any, mode: int, t: float) -> int:
-    if mode not in (_MANUAL, _HOLD, _LOITER, _AUTO, _RTL, _GUIDED):
+    if mode not in (_MANUAL, _HOLD, _LOITER, _AUTO, _RTL, _GUIDED) and mode not in _PILOTED:
         return MAV_RESULT_FAILED
     if mode == m.mode:
         return MAV_RESULT_ACCEPTED
@@ -135,7 +140,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
         m.mission_done = False
         m.item_since = -1.0
     m.mode = mode
-    m.autonomous = mode not in (_MANUAL, _HOLD)
+    m.autonomous = mode not in (_MANUAL, _HOLD) and mode not in _PILOTED
     m.mission_active = mode == _AUTO
     hold_here(m)
     m.arrived = True
@@ -341,7 +346,7 @@ def advance(m: Any, t: float, h: float) -> int:
     if not m.armed or m.mode == _MANUAL:
         m.motor[0], m.motor[1] = 0.5, 0.5
         m.demand, m.integral = 0.0, 0.0
-    elif m.mode == _HOLD:
+    elif m.mode == _HOLD or m.mode in _PILOTED:
         _stop(m, h)
     elif m.mode == _GUIDED:
         _guide(m, t, h)

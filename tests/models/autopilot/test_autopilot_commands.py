@@ -629,7 +629,8 @@ def test_the_battery_is_reset_and_after_an_alarm_nothing_arms() -> None:
 def test_calibrations_are_answered_on_the_ground_only() -> None:
     copter = Copter()
     copter.run(2.1)
-    assert result(copter.ask(mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, 1)) == ACCEPTED
+    answers = copter.ask(mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, 1)
+    assert (result(answers), texts(answers)) == (ACCEPTED, [(6, "Initialising ArduPilot")])
     assert result(copter.ask(mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, 0, 0, 1)) == ACCEPTED
     assert result(copter.ask(mavlink.MAV_CMD_PREFLIGHT_CALIBRATION)) == UNSUPPORTED
     assert result(copter.ask(mavlink.MAV_CMD_DO_START_MAG_CAL)) == ACCEPTED

@@ -163,7 +163,7 @@ def test_messages_on_request() -> None:
     _, (servos,) = ask(mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
     assert (servos.servo1_raw, servos.servo3_raw, servos.servo5_raw) == (1500, 1000, 1000)
     assert ask(mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION) == (ACCEPTED, [])
-    assert ask(mavlink.MAVLINK_MSG_ID_RAW_IMU) == (FAILED, [])
+    assert ask(mavlink.MAVLINK_MSG_ID_ODOMETRY) == (FAILED, [])
     assert p.ask(INTERVAL, 9999, 1e6) == DENIED
     assert (INFO, "No ap_message for mavlink id (9999)") in told(p)
     assert p.ask(INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 250e3) == ACCEPTED
@@ -199,3 +199,261 @@ def test_heights_above_the_terrain() -> None:
         p.send(mavlink.MAVLink_command_int_message(1, 1, frame, command, 0, 0, -1, 1, 0, 0, lat, lon, 40.0))
         assert p._answer(command) == ACCEPTED
         assert p.m.guided_position.tolist() == pytest.approx([100.0, 50.0, down], abs=0.02)
+
+
+# ---- sensors, outputs, and parts that are not on board -------------------------------------------------------------
+
+AIR = ("plane", "quadplane")
+
+
+def asked(p: Pair, command: int, *values: float) -> tuple[int, list[tuple[int, str]]]:
+    """The result of a command, and the texts beside it."""
+    p.heard.clear()
+    result = p.ask(command, *values)
+    return result, told(p)
+
+
+def requested(p: Pair, message: int) -> Any:
+    """A message on request."""
+    p.heard.clear()
+    assert p.ask(REQUEST, message) == ACCEPTED
+    return p.heard[0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_sensors_are_told_on_request(kind: str) -> None:
+    p = started(kind)
+    p.until(p.time + 0.5)
+    force, rates = p.v["specific_force"], p.v["angular_velocity"]
+    milli = [math.trunc(1000.0 * x / 9.80665) for x in force] + [math.trunc(1000.0 * x) for x in rates]
+    for number in (26, 27, 116, 129):
+        raw = requested(p, number)
+        assert raw.get_msgId() == number
+        found = [raw.xacc, raw.yacc, raw.zacc, raw.xgyro, raw.ygyro, raw.zgyro]
+        assert found == pytest.approx(milli, abs=25)
+    fine = requested(p, 105)
+    assert [fine.xacc, fine.yacc, fine.zacc] == pytest.approx([float(x) for x in force], abs=0.25)
+    height = 584.0 - float(p.v["position"][2])
+    hectopascal = 1013.25 * (1.0 - 0.0065 * height / 288.15) ** 5.25588
+    for number in (29, 137):
+        assert requested(p, number).press_abs == pytest.approx(hectopascal, abs=0.05)
+    assert fine.abs_pressure == pytest.approx(hectopascal, abs=0.05)
+    place = requested(p, 178)
+    assert (place.lat, place.lng) == pytest.approx(degrees_of(*map(float, p.v["position"][:2])), abs=20)
+    assert requested(p, 164).lat == pytest.approx(place.lat, abs=20)
+    summary = requested(p, 235)
+    assert (summary.custom_mode, summary.autopilot) == (15, 3)
+    assert summary.altitude == pytest.approx(height, abs=1.0)
+    assert requested(p, 147).battery_remaining == -1
+    assert requested(p, 65).chancount == 0
+    assert requested(p, 264).arming_time_utc > 0
+    for number in (62, 125, 152, 163, 165, 241, 286, 376):
+        assert requested(p, number).get_msgId() == number
+    assert p.ask(INTERVAL, 105, 100000.0) == ACCEPTED
+    p.heard.clear()
+    p.until(p.time + 1.05)
+    assert len([m for m in p.heard if m.get_type() == "HIGHRES_IMU"]) == 10
+
+
+def test_a_plane_knows_the_terrain_and_a_rover_does_not() -> None:
+    lat, lon = degrees_of(30.0, 40.0)
+    for kind in AIR:
+        p = started(kind)
+        assert requested(p, 136).terrain_height == 584.0
+        p.heard.clear()
+        p.send(mavlink.MAVLink_terrain_check_message(lat, lon))
+        p.one_step()
+        report = p.last("TERRAIN_REPORT")
+        assert (report.lat, report.lon, report.terrain_height) == (lat, lon, 584.0)
+    rover = started("rover")
+    assert requested(rover, 136).get_type() == "COMMAND_ACK"
+    rover.heard.clear()
+    rover.send(mavlink.MAVLink_terrain_check_message(lat, lon))
+    rover.one_step()
+    assert not rover.heard
+
+
+@pytest.mark.parametrize(
+    ("kind", "used", "free"), [("rover", (1, 3), 2), ("plane", (1, 4), 5), ("quadplane", (5, 8), 9)]
+)
+def test_servos_without_a_function_and_the_relay_can_be_set(kind: str, used: tuple[int, ...], free: int) -> None:
+    p = started(kind)
+    servo, relay = mavlink.MAV_CMD_DO_SET_SERVO, mavlink.MAV_CMD_DO_SET_RELAY
+    for output in used:
+        assert asked(p, servo, output, 1700) == (
+            FAILED,
+            [(INFO, f"ServoRelayEvent: Channel {output} is already in use")],
+        )
+    assert asked(p, servo, 33, 1700) == (FAILED, [])
+    assert asked(p, servo, free, 1700) == (ACCEPTED, [])
+    outputs = mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
+    assert getattr(requested(p, outputs), f"servo{free}_raw") == 1700
+    assert asked(p, mavlink.MAV_CMD_DO_REPEAT_SERVO, free, 1300, 2, 0.5) == (ACCEPTED, [])
+    seen = []
+    end = p.time + 1.5
+    while p.time < end:
+        p.one_step()
+        seen.append(int(p.m["servo"][free - 1]))
+    changes = [b for a, b in zip([0, *seen], seen, strict=False) if a != b]
+    assert changes == [1300, 1500, 1300, 1500]
+    assert asked(p, relay, 0, 1) == (ACCEPTED, [])
+    assert requested(p, 376).on == 1
+    assert asked(p, relay, 5, 1) == (FAILED, [])
+    assert asked(p, mavlink.MAV_CMD_DO_REPEAT_RELAY, 0, 1, 0.2) == (ACCEPTED, [])
+    p.until(p.time + 0.5)
+    assert requested(p, 376).on == 1  # off and on again
+    assert asked(p, mavlink.MAV_CMD_DO_REPEAT_RELAY, 5, 1, 1) == (FAILED, [])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_parts_that_are_not_on_board(kind: str) -> None:
+    m, p = mavlink, started(kind)
+    wings = kind != "rover"
+    for accepted in (m.MAV_CMD_DO_SET_ROI_NONE, m.MAV_CMD_DO_DIGICAM_CONTROL, m.MAV_CMD_START_RX_PAIR, 42651):
+        assert asked(p, accepted) == (ACCEPTED, [])
+    for command, values, result in (
+        (m.MAV_CMD_DO_AUX_FUNCTION, (9, 0), ACCEPTED),
+        (m.MAV_CMD_DO_AUX_FUNCTION, (9, 3), DENIED),
+        (m.MAV_CMD_DO_AUX_FUNCTION, (41, 2), FAILED),
+        (m.MAV_CMD_DO_FOLLOW, (1,), ACCEPTED),
+        (m.MAV_CMD_DO_FOLLOW, (0,), DENIED),
+        (m.MAV_CMD_SET_EKF_SOURCE_SET, (1,), ACCEPTED),
+        (m.MAV_CMD_SET_EKF_SOURCE_SET, (4,), DENIED),
+        (43004, (5, 1, 90, 1), ACCEPTED),
+        (43004, (-1, 1, 90, 1), DENIED),
+        (m.MAV_CMD_DO_SPRAYER, (1,), FAILED if wings else ACCEPTED),
+        (m.MAV_CMD_DO_FENCE_ENABLE, (1,), FAILED if wings else ACCEPTED),
+        (m.MAV_CMD_DO_FENCE_ENABLE, (0,), ACCEPTED),
+        (m.MAV_CMD_DO_PARACHUTE, (1,), ACCEPTED if wings else UNSUPPORTED),
+        (m.MAV_CMD_DO_PARACHUTE, (3,), FAILED if wings else UNSUPPORTED),
+        (m.MAV_CMD_DO_GO_AROUND, (), FAILED if wings else UNSUPPORTED),
+        (m.MAV_CMD_DO_SET_REVERSE, (0,), UNSUPPORTED if wings else ACCEPTED),
+        (m.MAV_CMD_CONTROL_HIGH_LATENCY, (2,), FAILED),
+    ):
+        assert asked(p, command, *values) == (result, []), (command, values)
+    for command, values, result, text in (
+        (m.MAV_CMD_CONTROL_HIGH_LATENCY, (1,), ACCEPTED, (NOTICE, "High Latency enabled")),
+        (m.MAV_CMD_CONTROL_HIGH_LATENCY, (0,), ACCEPTED, (NOTICE, "High Latency disabled")),
+        (m.MAV_CMD_PREFLIGHT_STORAGE, (2,), ACCEPTED, (WARNING, "All parameters reset, reboot board")),
+    ):
+        assert asked(p, command, *values) == (result, [text])
+    landing, ending = asked(p, m.MAV_CMD_DO_LAND_START), asked(p, m.MAV_CMD_DO_FLIGHTTERMINATION)
+    if wings:
+        assert landing == (FAILED, [(WARNING, "Unable to start landing sequence")])
+        assert ending == (FAILED, [(INFO, "AFS not enabled, can't terminate the vehicle")])
+    else:
+        assert landing == ending == (UNSUPPORTED, [])
+    assert asked(p, ARM, 0)[0] == ACCEPTED
+    calibration = m.MAV_CMD_PREFLIGHT_CALIBRATION
+    assert asked(p, calibration, 1)[1][-1] == (INFO, "Initialising ArduPilot")
+    assert asked(p, calibration) == (UNSUPPORTED, [])
+    assert asked(p, m.MAV_CMD_FIXED_MAG_CAL_YAW, 90) == (ACCEPTED, [])
+
+
+def test_regions_of_interest_have_places() -> None:
+    p = started("plane")
+    region = mavlink.MAV_CMD_DO_SET_ROI_LOCATION
+    for frame, lat, result in ((3, -353632620, ACCEPTED), (21, -353632620, DENIED), (3, 910000000, FAILED)):
+        p.heard.clear()
+        p.send(mavlink.MAVLink_command_int_message(1, 1, frame, region, 0, 0, 0, 0, 0, 0, lat, 1491652370, 10))
+        assert p._answer(region) == result
+        assert told(p) == ([(INFO, "Unknown mavlink coordinate frame 21")] if frame == 21 else [])
+
+
+@pytest.mark.parametrize("kind", AIR)
+def test_take_offs_refer_to_home(kind: str) -> None:
+    p = started(kind)
+    for frame, result in ((0, DENIED), (10, DENIED)):
+        p.send(mavlink.MAVLink_command_int_message(1, 1, frame, 22, 0, 0, 0, 0, 0, 0, 0, 0, 10))
+        assert p._answer(22) == result
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_deprecated_requests_and_logs(kind: str) -> None:
+    p = started(kind)
+    told(p)
+    p.send(mavlink.MAVLink_fence_fetch_point_message(1, 1, 2), mavlink.MAVLink_rally_fetch_point_message(1, 1, 0))
+    p.one_step()
+    assert told(p) == [
+        (INFO, "Received message (FENCE_FETCH_POINT) is deprecated"),
+        (WARNING, "Invalid fence point, index past total(2 >= 0)"),
+        (INFO, "Received message (RALLY_FETCH_POINT) is deprecated"),
+        (WARNING, "Failed to get rally point"),
+    ]
+    logs = mavlink.MAVLink_log_request_list_message(1, 1, 0, 9)
+    p.send(logs)
+    p.send(logs)
+    p.one_step()
+    assert told(p) == [(mavlink.MAV_SEVERITY_ERROR, "Disarm for log download")]
+    assert p.ask(ARM, 0) == ACCEPTED
+    p.send(logs)
+    p.one_step()
+    assert p.last("LOG_ENTRY").num_logs == 0
+    p.heard.clear()
+    p.send(mavlink.MAVLink_mission_request_int_message(1, 1, 9))
+    p.one_step()
+    assert [m.get_type() for m in p.heard][:2] == ["MISSION_COUNT", "MISSION_ACK"]
+
+
+def test_packets_to_components_that_are_not_there_are_for_the_autopilot() -> None:
+    p = started("rover")
+    for before in (True, False):
+        p.heard.clear()
+        p.send(mavlink.MAVLink_mission_request_list_message(1, 190))
+        p.one_step()
+        assert any(m.get_type() == "MISSION_COUNT" for m in p.heard) is before
+        component = mavlink.MAVLink(None, srcSystem=1, srcComponent=190)
+        p.waiting += mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(component)
+        p.one_step()
+
+
+@pytest.mark.parametrize("mode", [1, 3, 7])
+def test_modes_of_a_rovers_pilot_brake(mode: int) -> None:
+    """With the sticks in the middle, ACRO, STEERING and SIMPLE stop."""
+    p = started("rover")
+    p.go(200.0, 0.0, 0.0)
+    p.until(p.time + 6.0)
+    assert p.v["velocity"][0] > 3.0
+    assert p.ask(SET_MODE, 1, mode) == ACCEPTED
+    p.until(p.time + 8.0)
+    assert abs(p.v["velocity"][0]) < 0.05
+    assert p.m.mode == mode
+
+
+@pytest.mark.parametrize("kind", AIR)
+def test_the_speed_over_ground_has_a_least_value(kind: str) -> None:
+    p = started(kind)
+    speed = mavlink.MAV_CMD_DO_CHANGE_SPEED
+    assert asked(p, speed, 1, 5) == (ACCEPTED, [(INFO, "Set groundspeed 5")])
+    assert asked(p, speed, 1, math.nan) == (DENIED, [])
+    assert asked(p, speed, 4, 5) == (FAILED, [])
+    assert p.m.least_speed == 5.0
+
+
+def test_a_plane_flies_as_fast_over_ground_as_was_asked() -> None:
+    p = started("plane")
+    assert p.ask(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 26.0) == ACCEPTED
+    assert p.ask(SET_MODE, 1, 13) == ACCEPTED
+    p.until(p.time + 50.0)
+    assert math.hypot(*p.v["velocity"][:2]) == pytest.approx(26.0, rel=0.05)
+
+
+def test_what_a_quadplane_does_not_do_now() -> None:
+    p = started("quadplane")
+    assert asked(p, mavlink.MAV_CMD_DO_VTOL_TRANSITION, 4) == (FAILED, [(NOTICE, "VTOL transition only in AUTO")])
+    assert p.ask(mavlink.MAV_CMD_DO_MOTOR_TEST, 1, 0, 10, 1) == FAILED
+    assert told(p)[-1] == (INFO, "Must be disarmed for motor test")
+    assert p.ask(SET_MODE, 1, 0) == ACCEPTED
+    assert asked(p, mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == (
+        FAILED,
+        [(INFO, "User Takeoff only in GUIDED mode")],
+    )
+
+
+def test_a_plane_in_the_air_says_how_it_takes_off() -> None:
+    p = started("plane")
+    assert p.ask(SET_MODE, 1, 13) == ACCEPTED
+    p.until(p.time + 15.0)
+    assert p.ask(SET_MODE, 1, 12) == ACCEPTED
+    assert not p.m.on_ground
+    assert asked(p, SET_MODE, 1, 13) == (ACCEPTED, [(INFO, "Climbing to TKOFF alt then loitering")])

@@ -74,7 +74,16 @@ from cosim_models.autopilot.flight.guided import (
     start_takeoff,
 )
 from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo
-from cosim_models.autopilot.flight.plans.order import in_landing_sequence, is_nowhere, next_command, place, place_from
+from cosim_models.autopilot.flight.plans.order import (
+    following_command,
+    in_landing_sequence,
+    is_nowhere,
+    next_command,
+    place,
+    place_after,
+    place_from,
+    stays,
+)
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.waypoints import (
     add_leg,
@@ -289,41 +298,16 @@ def _has_gone_round(m: Any) -> bool:
 
 
 @kernel
-def _following(m: Any, row: int) -> int:
-    """Returns the navigation command after `row`; -1 if there is none."""
-    for _ in range(m.mission.shape[0]):
-        row = next_command(m, row + 1, False)
-        if row < 0 or m.mission[row, COMMAND] <= MAV_CMD_NAV_LAST:
-            return int(row)
-    return -1
-
-
-@kernel
-def _stays(m: Any, row: int) -> bool:
-    """Returns whether a waypoint has a delay, in whole seconds."""
-    return bool(m.mission[row, P1] >= 1.0)
-
-
-@kernel
-def _place_after(m: Any, row: int, here: tuple[float, float, float]) -> tuple[tuple[float, float, float], bool]:
-    """Returns the place after a spline's, which is `here`, and whether a spline leads there."""
-    following = -1 if _stays(m, row) else _following(m, row)
-    if following < 0:
-        return here, False
-    return place_from(m, following, here), bool(m.mission[following, COMMAND] == MAV_CMD_NAV_SPLINE_WAYPOINT)
-
-
-@kernel
 def _pass_to(m: Any, row: int) -> None:
     """Makes the vehicle pass a waypoint without a stop if a waypoint or a place to loiter follows."""
-    following = _following(m, row)
+    following = following_command(m, row)
     if following < 0:
         return
     command = m.mission[following, COMMAND]
     if command == MAV_CMD_NAV_SPLINE_WAYPOINT:
-        place = place_from(m, following, m.guided_position_neu)
-        then, curved = _place_after(m, following, place)
-        add_spline(m, place, then, curved)
+        there = place_from(m, following, m.guided_position_neu)
+        then, curved = place_after(m, following, there)
+        add_spline(m, there, then, curved)
     elif command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_LOITER_TIME):
         n, e, u = place_from(m, following, m.guided_position_neu)
         add_leg(m, n, e, u)
@@ -334,9 +318,9 @@ def _curve_to(m: Any, row: int) -> None:
     """Flies to a waypoint on a spline."""
     n, e, u = place(m, row)
     _prepare(m)
-    then, curved = _place_after(m, row, (n, e, u))
+    then, curved = place_after(m, row, (n, e, u))
     set_spline(m, (n, e, u), then, curved)
-    if not _stays(m, row):
+    if not stays(m, row):
         _pass_to(m, row)
 
 

@@ -20,14 +20,22 @@ from cosim.messages import (
     COMMAND_ACK,
     COMMAND_INT,
     COMMAND_LONG,
+    FENCE_FETCH_POINT,
     GPS_GLOBAL_ORIGIN,
     HOME_POSITION,
+    LOG_ENTRY,
+    LOG_ERASE,
+    LOG_REQUEST_DATA,
+    LOG_REQUEST_LIST,
     MAV_CMD_COMPONENT_ARM_DISARM,
     MAV_CMD_DO_REPOSITION,
     MAV_CMD_DO_SET_HOME,
     MAV_CMD_DO_SET_MODE,
+    MAV_CMD_DO_SET_ROI,
+    MAV_CMD_DO_SET_ROI_LOCATION,
     MAV_CMD_GET_HOME_POSITION,
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    MAV_CMD_NAV_TAKEOFF,
     MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
     MAV_CMD_REQUEST_MESSAGE,
     MAV_CMD_SET_MESSAGE_INTERVAL,
@@ -41,25 +49,35 @@ from cosim.messages import (
     MAV_RESULT_DENIED,
     MAV_RESULT_FAILED,
     MAV_RESULT_UNSUPPORTED,
+    MAV_SEVERITY_ERROR,
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_WARNING,
     MAV_TYPE_FIXED_WING,
+    MAV_TYPE_GROUND_ROVER,
+    MAV_TYPE_QUADROTOR,
+    MAV_TYPE_SURFACE_BOAT,
     MISSION_ACK,
     MISSION_ITEM,
     MISSION_ITEM_INT,
+    RALLY_FETCH_POINT,
     REQUEST_DATA_STREAM,
     SET_MODE,
     SET_POSITION_TARGET_GLOBAL_INT,
     SET_POSITION_TARGET_LOCAL_NED,
+    TERRAIN_CHECK,
+    TERRAIN_REPORT,
     TIMESYNC,
     decode_command_int,
     decode_command_long,
+    decode_fence_fetch_point,
     decode_mission_item,
     decode_mission_item_int,
     decode_request_data_stream,
     decode_set_mode,
+    decode_terrain_check,
     decode_timesync,
     encode_command_ack,
+    encode_log_entry,
     encode_mission_ack,
     encode_timesync,
 )
@@ -67,9 +85,22 @@ from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, mes
 from cosim_models.autopilot.gcs.answers import NOT_HERE, answer
 from cosim_models.autopilot.gcs.rows import ROWS, group_of, is_absent, row_of
 from cosim_models.autopilot.gcs.sending import can_answer, send
+from cosim_models.autopilot.gcs.sensors import put_terrain
 from cosim_models.autopilot.gcs.streams import ready, send_message, set_interval
 from cosim_models.autopilot.gcs.targets import go_to, is_place, locate
-from cosim_models.autopilot.gcs.words import MODE_FAILED, NO_MESSAGE, NO_MODE, NO_Q_MODES, UNKNOWN_FRAME, say
+from cosim_models.autopilot.gcs.words import (
+    FENCE_FETCH_BAD,
+    FENCE_FETCH_OLD,
+    LOG_DISARM,
+    MODE_FAILED,
+    NO_MESSAGE,
+    NO_MODE,
+    NO_Q_MODES,
+    RALLY_FETCH_BAD,
+    RALLY_FETCH_OLD,
+    UNKNOWN_FRAME,
+    say,
+)
 
 __all__ = ["Firmware", "firmware", "receiver", "told"]
 
@@ -77,6 +108,9 @@ _FORCE = 21196.0  # param2 of COMPONENT_ARM_DISARM
 _FRAMES = (0, 3, 5, 6, 10, 11)  # MAV_FRAMEs whose heights refer to the sea, home or terrain
 _COMMAND_ACK = cast(int, np.int64(COMMAND_ACK))
 _MISSION_ACK = cast(int, np.int64(MISSION_ACK))
+_LOG_ENTRY = cast(int, np.int64(LOG_ENTRY))
+_TERRAIN = cast(int, np.int64(TERRAIN_REPORT))
+_ABOVE_HOME = (3, 6)  # MAV_FRAMEs
 _TIMESYNC = cast(int, np.int64(TIMESYNC))
 
 Firmware = tuple[Any, ...]
@@ -191,6 +225,46 @@ def _set_home(m: Any, p1: float, frame: int, lat: int, lon: int, z: float, t: fl
 
 
 @kernel
+def _place_refused(m: Any, command: int, frame: int, lat: int, lon: int, z: float) -> int:
+    """Returns ACCEPTED, or the MAV_RESULT for a command whose place or frame is refused."""
+    if command in (MAV_CMD_DO_SET_ROI, MAV_CMD_DO_SET_ROI_LOCATION):
+        if frame not in _FRAMES:
+            say(m, MAV_SEVERITY_INFO, UNKNOWN_FRAME, frame)
+            return MAV_RESULT_DENIED
+        return MAV_RESULT_ACCEPTED if is_place(frame, lat, lon, z) else MAV_RESULT_FAILED
+    flies = m.kind not in (MAV_TYPE_QUADROTOR, MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT)
+    if command == MAV_CMD_NAV_TAKEOFF and flies and frame not in _ABOVE_HOME:
+        return MAV_RESULT_DENIED
+    return MAV_RESULT_ACCEPTED
+
+
+@kernel
+def _answer_others(m: Any, message: int) -> bool:
+    """Answers deprecated requests, and those for logs and terrain; returns whether `message` is one of these."""
+    if message == FENCE_FETCH_POINT:
+        _, _, number = decode_fence_fetch_point(m.received)
+        say(m, MAV_SEVERITY_INFO, FENCE_FETCH_OLD, 0)
+        say(m, MAV_SEVERITY_WARNING, FENCE_FETCH_BAD, number)
+    elif message == RALLY_FETCH_POINT:
+        say(m, MAV_SEVERITY_INFO, RALLY_FETCH_OLD, 0)
+        say(m, MAV_SEVERITY_WARNING, RALLY_FETCH_BAD, 0)
+    elif message in (LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_ERASE):
+        if m.armed and not m.logs_told:
+            say(m, MAV_SEVERITY_ERROR, LOG_DISARM, 0)
+        m.logs_told = m.armed
+        if message == LOG_REQUEST_LIST and not m.armed and can_answer(m):
+            encode_log_entry(m.payload, 0, 0, 0, 0, 0)  # none is on board
+            send(m, _LOG_ENTRY)
+    elif message == TERRAIN_CHECK and m.kind not in (MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT):
+        lat, lon = decode_terrain_check(m.received)
+        put_terrain(m, lat, lon)
+        send(m, _TERRAIN)
+    else:
+        return False
+    return True
+
+
+@kernel
 def _request_stream(m: Any, t: float) -> None:
     _, _, stream, rate, start = decode_request_data_stream(m.received)
     interval = 1.0 / rate if start != 0 and rate > 0 else 0.0
@@ -200,8 +274,8 @@ def _request_stream(m: Any, t: float) -> None:
             set_interval(m, row, interval, t)
 
 
-def _commands(of: Firmware) -> Callable[[Any, int, float, float, float, float], int]:
-    """Returns a kernel of (record, MAV_CMD, param1, param2, param7, time) that obeys a command: its MAV_RESULT."""
+def _commands(of: Firmware) -> Callable[[Any, int, tuple[float, float, float, float], float, float], int]:
+    """Returns a kernel of (record, MAV_CMD, params 1 to 4, param7, time) that obeys a command: its MAV_RESULT."""
     _, rtl, change_mode, arm, command_of, _, _ = of
 
     @kernel
@@ -216,7 +290,8 @@ def _commands(of: Firmware) -> Callable[[Any, int, float, float, float, float], 
         return MAV_RESULT_ACCEPTED
 
     @kernel
-    def command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) -> int:
+    def command(m: Any, command: int, p: tuple[float, float, float, float], p7: float, t: float) -> int:
+        p1, p2 = p[0], p[1]
         if command == MAV_CMD_COMPONENT_ARM_DISARM:
             return int(arm_or_disarm(m, p1, p2, t))
         if command == MAV_CMD_DO_SET_MODE:
@@ -237,7 +312,7 @@ def _commands(of: Firmware) -> Callable[[Any, int, float, float, float, float], 
             return _tell_home(m, t)
         if command == MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
             return _request_message(m, float(AUTOPILOT_VERSION), t) if p1 == 1.0 else MAV_RESULT_FAILED
-        result = answer(m, command, p1)
+        result = answer(m, command, p, t)
         return int(command_of(m, command, p1, p2, p7, t)) if result == NOT_HERE else int(result)
 
     return command
@@ -299,23 +374,25 @@ def _dispatcher(of: Firmware) -> Callable[[Any, int, int, int, float], None]:
     @kernel
     def dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         if message == COMMAND_LONG:
-            _, _, command_id, _, p1, p2, _, _, p5, p6, p7 = decode_command_long(m.received)
+            _, _, command_id, _, p1, p2, p3, p4, p5, p6, p7 = decode_command_long(m.received)
             if command_id == MAV_CMD_DO_SET_HOME:
                 place = abs(p5) <= 90.0 and abs(p6) <= 180.0  # else no number, or off the globe
                 x, y = (int(p5 * 1e7), int(p6 * 1e7)) if place else (910000000, 0)
                 result = _set_home(m, p1, 0, x, y, p7, t)
             else:
-                result = command(m, command_id, p1, p2, p7, t)
+                result = command(m, command_id, (p1, p2, p3, p4), p7, t)
             encode_command_ack(m.payload, command_id, result, 0, 0, sender, part)
             send(m, _COMMAND_ACK)
         elif message == COMMAND_INT:
-            _, _, frame, command_id, _, _, p1, p2, _, _, x, y, z = decode_command_int(m.received)
+            _, _, frame, command_id, _, _, p1, p2, p3, p4, x, y, z = decode_command_int(m.received)
             if command_id == MAV_CMD_DO_REPOSITION:
                 result = reposition(m, frame, p2, x, y, z, t)
             elif command_id == MAV_CMD_DO_SET_HOME:
                 result = _set_home(m, p1, frame, x, y, z, t)
             else:
-                result = command(m, command_id, p1, p2, z, t)
+                result = _place_refused(m, command_id, frame, x, y, z)
+                if result == MAV_RESULT_ACCEPTED:
+                    result = command(m, command_id, (p1, p2, p3, p4), z, t)
             encode_command_ack(m.payload, command_id, result, 0, 0, sender, part)
             send(m, _COMMAND_ACK)
         elif message == SET_MODE:
@@ -334,7 +411,7 @@ def _dispatcher(of: Firmware) -> Callable[[Any, int, int, int, float], None]:
                 send(m, _TIMESYNC)
         elif message in (MISSION_ITEM, MISSION_ITEM_INT):
             item(m, message, sender, part, t)
-        else:
+        elif m.kind == MAV_TYPE_QUADROTOR or not _answer_others(m, message):
             other(m, message, sender, part, t)
 
     return dispatch
@@ -356,7 +433,10 @@ def receiver(of: Firmware) -> Callable[[Any, float], None]:
             sender = system(m.mavlink_rx, start)
             to_system, to_component = target(m.mavlink_rx, start)
             for_vehicle = to_system == 0 or to_system == m.SYSID_THISMAV
-            if not for_vehicle or to_component not in (0, MAV_COMP_ID_AUTOPILOT1):
+            if sender == m.SYSID_THISMAV:
+                m.component_known[component(m.mavlink_rx, start)] = 1
+            absent = m.kind != MAV_TYPE_QUADROTOR and m.component_known[to_component] == 0
+            if not for_vehicle or not (to_component in (0, MAV_COMP_ID_AUTOPILOT1) or absent):
                 continue
             if sender == m.SYSID_THISMAV and component(m.mavlink_rx, start) == MAV_COMP_ID_AUTOPILOT1:
                 continue

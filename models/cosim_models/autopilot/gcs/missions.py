@@ -30,6 +30,7 @@ from cosim.messages import (
     MAV_MISSION_TYPE_RALLY,
     MAV_MISSION_UNSUPPORTED,
     MAV_SEVERITY_WARNING,
+    MAV_TYPE_QUADROTOR,
     MISSION_ACK,
     MISSION_CLEAR_ALL,
     MISSION_COUNT,
@@ -122,6 +123,9 @@ def continue_upload(m: Any, t: float) -> None:
 def _send_item(m: Any, sequence: int, whole: bool, sender: int, part: int) -> None:
     """Answers MISSION_REQUEST_INT (`whole`: the place in degE7) and MISSION_REQUEST."""
     if sequence >= max(m.mission_count, 1):
+        if whole and m.kind != MAV_TYPE_QUADROTOR:
+            encode_mission_count(m.payload, sender, part, m.mission_count, 0)
+            send(m, _COUNT)
         _acknowledge(m, MAV_MISSION_INVALID_SEQUENCE, 0, sender, part)
         return
     r = m.mission[sequence]

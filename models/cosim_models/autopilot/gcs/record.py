@@ -122,6 +122,15 @@ _MEMORY = (
     Memory("listed", dtype="i4"),  # next parameter of the list in progress; -1: none
     Memory("interval", shape=ROWS, rare=True),  # s, 0: not sent
     Memory("due", shape=ROWS, rare=True),  # s
+    Memory("servo", dtype="i4", shape=32, rare=True),  # us, of outputs without a function; 0: off
+    Memory("relay_on", dtype="?", rare=True),
+    Memory("repeat_left", dtype="i4", rare=True),  # changes of DO_REPEAT_SERVO or DO_REPEAT_RELAY
+    Memory("repeat_number", dtype="i4", rare=True),  # output, from 1; 0: the relay
+    Memory("repeat_pulse", dtype="i4", rare=True),  # us
+    Memory("repeat_every", rare=True),  # s
+    Memory("repeat_at", rare=True),  # s
+    Memory("logs_told", dtype="?", rare=True),
+    Memory("component_known", dtype="u1", shape=256, rare=True),  # 1: heard from this component of the own system
     Memory("payload", dtype="u1", shape=255, rare=True),
     Memory("received", dtype="u1", shape=255, rare=True),
 )

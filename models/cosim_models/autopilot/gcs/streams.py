@@ -43,6 +43,7 @@ from cosim.messages import (
     MISSION_CURRENT,
     SERVO_OUTPUT_RAW,
     SYS_STATUS,
+    TERRAIN_REPORT,
     VFR_HUD,
     encode_attitude,
     encode_attitude_quaternion,
@@ -63,8 +64,10 @@ from cosim.messages import (
     put_home_position_q,
 )
 from cosim.packets import clear
+from cosim_models.autopilot.gcs.devices import continue_repetition
 from cosim_models.autopilot.gcs.rows import ROWS, message_of
 from cosim_models.autopilot.gcs.sending import send
+from cosim_models.autopilot.gcs.sensors import put_sensed
 from cosim_models.autopilot.gcs.words import ARMED, DISARMED, say
 
 __all__ = ["heading", "put_mission_current", "ready", "send_message", "set_interval", "start_streams", "stream"]
@@ -123,14 +126,17 @@ def _pulse(command: float) -> int:
 @kernel
 def _put_servos(m: Any, surface: bool, t: float) -> None:
     """Fills m.payload with a SERVO_OUTPUT_RAW by the default outputs of ArduRover and ArduPlane."""
+    s = m.servo
     a, b, c, d = _pulse(m.motor[0]), _pulse(m.motor[1]), _pulse(m.motor[2]), _pulse(m.motor[3])
     e, f, g, h = _pulse(m.motor[4]), _pulse(m.motor[5]), _pulse(m.motor[6]), _pulse(m.motor[7])
     if surface:
-        a, b, c, d, e, f, g, h = a, 0, b, 0, 0, 0, 0, 0
+        a, b, c, d, e, f, g, h = a, s[1], b, s[3], s[4], s[5], s[6], s[7]
     elif m.kind != MAV_TYPE_QUADROTOR and not m.lifts:
-        e, f, g, h = 0, 0, 0, 0
+        e, f, g, h = s[4], s[5], s[6], s[7]
     microseconds = int(1e6 * t + 0.5)
-    encode_servo_output_raw(m.payload, microseconds, 0, a, b, c, d, e, f, g, h, 0, 0, 0, 0, 0, 0, 0, 0)
+    encode_servo_output_raw(
+        m.payload, microseconds, 0, a, b, c, d, e, f, g, h, s[8], s[9], s[10], s[11], s[12], s[13], s[14], s[15]
+    )
 
 
 @kernel
@@ -158,7 +164,9 @@ def _send_state(m: Any, row: int, t: float) -> bool:
         put_mission_current(m)
     elif message == SERVO_OUTPUT_RAW:
         _put_servos(m, surface, t)
-    else:
+    elif message == TERRAIN_REPORT and surface:  # a rover needs no terrain
+        return True
+    elif not put_sensed(m, message, t):
         encode_system_time(m.payload, 0, int(1e3 * t + 0.5))
     return send(m, message)
 
@@ -259,6 +267,8 @@ def stream(m: Any, t: float) -> None:
     m.told_mode = m.mode
     if changed:
         send_message(m, 0, t)
+    if m.repeat_left > 0:
+        continue_repetition(m, t)
     if t < m.next_due - _SLACK:
         return
     soonest = t + 1.0

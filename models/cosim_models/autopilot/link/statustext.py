@@ -93,6 +93,7 @@ __all__ = [
     "HIGH_LATENCY_OFF",
     "HIGH_LATENCY_ON",
     "INFO",
+    "INITIALISING",
     "LAND_NOT_ARMABLE",
     "LAND_SEQUENCE_END",
     "LAND_SEQUENCE_NONE",
@@ -276,6 +277,7 @@ RESUME_FAILED = _text(b"Failed to resume")
 LAND_SEQUENCE_NONE = _text(b"Unable to start landing sequence")
 LAND_SEQUENCE_START = _part(b"Mode change to AUTO RTL failed: No landing sequenc", 0)
 LAND_SEQUENCE_END = _part(b"e found", 1)
+INITIALISING = _text(b"Initialising ArduPilot")
 HIGH_LATENCY_ON = _text(b"High Latency enabled")
 HIGH_LATENCY_OFF = _text(b"High Latency disabled")
 PARAMETERS_RESET = _text(b"All parameters reset, reboot board")

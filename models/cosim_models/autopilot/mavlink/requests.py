@@ -102,6 +102,7 @@ from cosim_models.autopilot.link.statustext import (
     HIGH_LATENCY_OFF,
     HIGH_LATENCY_ON,
     INFO,
+    INITIALISING,
     LAND_SEQUENCE_END,
     LAND_SEQUENCE_START,
     NO_NUMBER,
@@ -354,6 +355,8 @@ def _calibrate(m: Any, p1: float, p3: float, x: int, t: float) -> int:
         if t < m.levelled_at + _BETWEEN_LEVELS:
             return MAV_RESULT_TEMPORARILY_REJECTED
         m.levelled_at = t
+    if p1 == 1.0:
+        say(m, INFO, INITIALISING, NO_NUMBER)  # while the gyros are calibrated, ArduCopter's main loop waits
     if p1 == 1.0 or p3 == 1.0 or x in (2, 4, 76):
         return MAV_RESULT_ACCEPTED
     if x == 1:

@@ -20,8 +20,10 @@ from typing import Any
 from cosim import Memory, Variable
 from cosim.frames import euler_from_quaternion, wrap_pi
 from cosim.kernel import kernel
+from cosim.messages import MAV_RESULT_ACCEPTED, MAV_RESULT_DENIED, MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import angle, real
 from cosim_models.autopilot.gcs.targets import go_to
+from cosim_models.autopilot.gcs.words import GROUNDSPEED, say
 
 __all__ = [
     "WING_MEMORY",
@@ -30,6 +32,7 @@ __all__ = [
     "clip",
     "cruise_speed",
     "fly",
+    "keep_groundspeed",
     "launch",
     "rest",
     "servos",
@@ -38,6 +41,7 @@ __all__ = [
 ]
 
 _GRAVITY = 9.80665
+_FASTEST = 1000.0  # m/s, of a speed that may be asked for
 _ROTATION = 0.7  # share of AIRSPEED_CRUISE at which it raises its nose
 
 _PARAMETERS = (
@@ -66,6 +70,7 @@ WING_MEMORY = (
     Memory("acceleration"),  # m/s2, filtered
     Memory("runway"),  # rad, course of the take-off
     Memory("rotated", dtype="?"),
+    Memory("least_speed"),  # m/s over ground, of DO_CHANGE_SPEED
 )
 
 
@@ -158,8 +163,18 @@ def circle(m: Any, n: float, e: float) -> float:
 
 @kernel
 def cruise_speed(m: Any) -> float:
-    """Returns the speed of flight [m/s]: that of DO_CHANGE_SPEED, or AIRSPEED_CRUISE."""
-    return float(m.cruise if m.cruise > 0.0 else m.AIRSPEED_CRUISE)
+    """Returns the speed of flight [m/s]: that of DO_CHANGE_SPEED, or AIRSPEED_CRUISE, at least that over ground."""
+    return float(max(m.cruise if m.cruise > 0.0 else m.AIRSPEED_CRUISE, min(m.least_speed, m.AIRSPEED_MAX)))
+
+
+@kernel
+def keep_groundspeed(m: Any, speed: float) -> int:
+    """Handles DO_CHANGE_SPEED over ground: the speed [m/s] that flight does not fall below; returns a MAV_RESULT."""
+    if not 0.0 <= speed <= _FASTEST:
+        return MAV_RESULT_DENIED
+    m.least_speed = speed
+    say(m, MAV_SEVERITY_INFO, GROUNDSPEED, int(speed))
+    return MAV_RESULT_ACCEPTED
 
 
 @kernel

@@ -16,12 +16,24 @@ from cosim.messages import (
     MAV_CMD_DO_JUMP_TAG,
     MAV_CMD_DO_LAND_START,
     MAV_CMD_JUMP_TAG,
+    MAV_CMD_NAV_LAST,
+    MAV_CMD_NAV_SPLINE_WAYPOINT,
     MAV_CMD_NAV_WAYPOINT,
 )
 from cosim_models.autopilot.control.position import stopping_ne
 from cosim_models.autopilot.mission.missions import COMMAND, DONE, FRAME, LATITUDE, P1, P2, Z, mission_count
 
-__all__ = ["in_landing_sequence", "is_nowhere", "landing_sequence", "next_command", "place", "place_from"]
+__all__ = [
+    "following_command",
+    "in_landing_sequence",
+    "is_nowhere",
+    "landing_sequence",
+    "next_command",
+    "place",
+    "place_after",
+    "place_from",
+    "stays",
+]
 
 _JUMPS_AT_ONCE = 64
 
@@ -95,6 +107,31 @@ def next_command(m: Any, row: int, taking: bool) -> int:
                 r[DONE] = 0.0
             row += 1
     return -1
+
+
+@kernel
+def following_command(m: Any, row: int) -> int:
+    """Returns the navigation command after `row`; -1 if there is none."""
+    for _ in range(m.mission.shape[0]):
+        row = next_command(m, row + 1, False)
+        if row < 0 or m.mission[row, COMMAND] <= MAV_CMD_NAV_LAST:
+            return int(row)
+    return -1
+
+
+@kernel
+def stays(m: Any, row: int) -> bool:
+    """Returns whether a waypoint has a delay, in whole seconds."""
+    return bool(m.mission[row, P1] >= 1.0)
+
+
+@kernel
+def place_after(m: Any, row: int, here: tuple[float, float, float]) -> tuple[tuple[float, float, float], bool]:
+    """Returns the place after a spline's, which is `here`, and whether a spline leads there."""
+    following = -1 if stays(m, row) else following_command(m, row)
+    if following < 0:
+        return here, False
+    return place_from(m, following, here), bool(m.mission[following, COMMAND] == MAV_CMD_NAV_SPLINE_WAYPOINT)
 
 
 @kernel
