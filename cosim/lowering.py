@@ -8,7 +8,8 @@ Here, a kernel that another kernel calls is only lowered. Machine code is genera
 kernel or a model is built: the IR of the kernel and of all its callees is linked into one module, every symbol except
 the entry point becomes internal, and the module is optimised and emitted once.
 
-This is the only module that uses numba's internals (`numba.core`): its dispatcher, its target and its code library.
+This module uses numba's internals (`numba.core`): its dispatcher, its target and its code library. So do `shortcuts`,
+which this module puts to use, and the checks of `cosim.build.native.checks`.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from __future__ import annotations
 import gc
 import hashlib
 import pickle
+import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
 from pathlib import Path
@@ -42,6 +44,7 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.np import arrayobj
 
+from cosim import shortcuts
 from cosim.kept import made_once, read_kept, write_kept
 
 __all__ = ["Kernel", "Lowered", "ShortRecord", "keep_only", "link", "saved_code"]
@@ -135,7 +138,12 @@ register_default(ShortRecord)(RecordModel)
 
 
 def link(libraries: Sequence[Any]) -> Any:
-    """Returns a new module with the functions of `libraries` and all their callees, direct or indirect."""
+    """Returns a new module with the functions of `libraries` and all their callees, direct or indirect.
+
+    LLVM needs time in proportion to the size of the module that it links another one into, so modules are linked in
+    pairs, pairs of pairs, and so on. The functions are then put into the order of `libraries` and their callees,
+    because LLVM's decisions on inlining depend on it.
+    """
     found: dict[Any, None] = {}
     waiting = list(reversed(libraries))
     while waiting:
@@ -144,14 +152,36 @@ def link(libraries: Sequence[Any]) -> Any:
             found[one] = None
             if isinstance(one, Library):
                 waiting += reversed(one._linking_libraries)
-    first, *others = found
-    module = first._final_module.clone()
-    for library in others:
-        ours = isinstance(library, Library)
-        module.link_in(library._final_module if ours else library._get_module_for_linking(), preserve=True)
-    written = first._codegen.written
+    every = [one._final_module if isinstance(one, Library) else one._get_module_for_linking() for one in found]
+    modules = [module.clone() for module in every]
+    places: dict[str, int] = {}
+    for function in (function for module in modules for function in module.functions):
+        if not function.is_declaration:
+            places.setdefault(function.name, len(places))
+            if function.linkage == llvm.Linkage.linkonce_odr:
+                function.linkage = "weak_odr"  # also kept where the caller is in another pair
+    while len(modules) > 1:
+        for one, other in zip(modules[::2], modules[1::2], strict=False):
+            one.link_in(other)
+        modules = modules[::2]
+    module = _in_order(modules[0], places)
+    written = next(iter(found))._codegen.written
     missing = [written[f.name] for f in module.functions if f.is_declaration and f.name in written]
     return link([*libraries, *missing]) if missing else module
+
+
+_FUNCTION = re.compile(r"^define .*?^\}$", re.MULTILINE | re.DOTALL)
+
+
+def _in_order(module: Any, places: Mapping[str, int]) -> Any:
+    """Returns a module with its functions in the order of `places`."""
+    order = [places[function.name] for function in module.functions if not function.is_declaration]
+    if order == sorted(order):
+        return module
+    text = str(module)
+    functions = _FUNCTION.findall(text)
+    following = iter([function for _, function in sorted(zip(order, functions, strict=True))])
+    return llvm.parse_assembly(_FUNCTION.sub(lambda _: next(following), text))
 
 
 def keep_only(module: Any, names: Iterable[str]) -> None:
@@ -412,3 +442,4 @@ def _copy_source(context: Any, builder: Any, *arguments: Any) -> Any:
 
 
 arrayobj.maybe_copy_source = _copy_source
+shortcuts.use()

@@ -1,0 +1,217 @@
+"""numba with shortcuts finds the same types, variables and lifetimes as without them."""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+numba = pytest.importorskip("numba")
+
+import llvmlite.binding as llvm  # noqa: E402
+from numba.core import compiler, errors, ir, postproc, types  # noqa: E402
+from numba.core.registry import cpu_target  # noqa: E402
+from numba.core.types.functions import BaseFunction  # noqa: E402
+
+from cosim import shortcuts  # noqa: E402
+from cosim.kernel import kernel  # noqa: E402
+from cosim.lowering import Library, link  # noqa: E402
+
+pytestmark = pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
+
+
+def loops(values: Any, n: int) -> float:
+    found = 0.0
+    for i in range(n):
+        for k in range(i):
+            if values[k] > 1.0:
+                continue
+            found += math.sin(values[i]) * values[k] + min(i, k)
+        values[1:3] = found
+    print("found", found, values[0] if n else (n, found))
+    return found if n > 3 else -found
+
+
+def squares(n: int) -> Any:
+    for i in range(n):
+        yield i * i
+
+
+@pytest.mark.parametrize("function", [loops, squares, lambda x: [math.floor(one) for one in (x, x + 1.0)]])
+def test_variables_and_lifetimes(function: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """`_rec_list_vars` and `PostProcessor.run` of numba are the oracle."""
+
+    def found() -> list[Any]:
+        of = compiler.run_frontend(function)
+        life = of.variable_lifetime
+        every = [[(str(one), [v.name for v in one.list_vars()]) for one in b.body] for b in of.blocks.values()]
+        return [every, life.livemap, life.usedefs, life.deadmaps]
+
+    assert ir.Inst._rec_list_vars is shortcuts._list_variables
+    ours = found()
+    assert any(names for block in ours[0] for _, names in block)
+    monkeypatch.setattr(ir.Inst, "_rec_list_vars", list_vars)
+    monkeypatch.setattr(postproc.PostProcessor, "run", shortcuts._run_postprocessor)
+    assert found() == ours
+
+
+def list_vars(self: Any, value: Any) -> list[Any]:
+    """As numba 0.68 has it."""
+    if isinstance(value, ir.Var):
+        return [value]
+    if isinstance(value, ir.Inst):
+        return value.list_vars()
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return [variable for one in value for variable in self._rec_list_vars(one)]
+    return []
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments"),
+    [
+        (math.atan2, (types.float64, types.int64)),
+        (max, (types.int64, types.float64, types.int32)),
+        (np.sqrt, (types.Array(types.float32, 1, "C"),)),
+        (range, (types.IntegerLiteral(3),)),
+    ],
+)
+def test_a_call_is_resolved_once(function: Any, arguments: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    context = cpu_target.typing_context
+    context.refresh()
+    fresh = shortcuts._get_call_type(of := context.resolve_value_type(function), context, arguments, {})
+    key = of.get_impl_key(fresh)
+    assert of.get_call_type(context, arguments, {}) == fresh
+
+    def never(*_: Any) -> None:
+        raise AssertionError("resolved again")
+
+    monkeypatch.setattr(shortcuts, "_get_call_type", never)
+    of._impl_keys.clear()
+    known = of.get_call_type(context, arguments, {})
+    assert known == fresh and known.args == fresh.args
+    assert type(of.get_impl_key(known)) is type(key)
+    with pytest.raises(AssertionError, match="resolved again"):
+        of.get_call_type(context, (*arguments, types.unicode_type), {})
+
+
+def test_an_error_is_found_each_time() -> None:
+    context = cpu_target.typing_context
+    of = context.resolve_value_type(math.sin)
+    assert isinstance(of, BaseFunction)
+    texts = []
+    for _ in range(2):
+        with pytest.raises(errors.TypingError, match="No implementation of function") as raised:
+            of.get_call_type(context, (types.unicode_type,), {})
+        texts.append(str(raised.value).split())  # numba indents it more each time
+    assert texts[0] == texts[1]
+
+
+def test_an_extension_that_comes_later_counts() -> None:
+    """A function that has been resolved gets another case, as modules that are imported later add them."""
+    context = cpu_target.typing_context
+    context.refresh()
+
+    class Own(types.Type):  # type: ignore[misc]
+        pass
+
+    own = Own("own")
+    of = context.resolve_value_type(math.cos)
+    assert of.get_call_type(context, (types.float64,), {}).return_type == types.float64
+    with pytest.raises(errors.TypingError):
+        of.get_call_type(context, (own,), {})
+
+    @numba.extending.overload(math.cos)
+    def cos_of_own(x):  # type: ignore[no-untyped-def]
+        return (lambda x: 42.0) if isinstance(x, Own) else None
+
+    context.refresh()
+    later = context.resolve_value_type(math.cos)
+    assert later.get_call_type(context, (types.float64,), {}).return_type == types.float64
+    templates = [one.key for one in later.templates]
+    assert len(templates) > len(of.templates)
+
+
+def test_other_users_of_numba() -> None:
+    """Generators, and functions that stay with Python's objects, which need numba's full post-processing."""
+
+    @numba.njit
+    def total(n):  # type: ignore[no-untyped-def]
+        found = 0
+        for one in numba_squares(n):
+            found += one
+        return found
+
+    numba_squares = numba.njit(squares)
+    assert total(5) == 30
+
+    @numba.jit(forceobj=True)
+    def words(n):  # type: ignore[no-untyped-def]
+        found = {}
+        for i in range(n):
+            if i % 2:
+                found[i] = [str(k) for k in range(i)]
+        return found
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # numba says that it falls back to Python's objects
+        assert words(4) == {1: ["0"], 3: ["0", "1", "2"]}
+
+
+# ---- linking ---------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def clipped(x: float) -> float:
+    return min(max(x, -1.0), 1.0)
+
+
+@kernel
+def waved(x: float) -> float:
+    return math.sin(clipped(x)) + int(x) % 3
+
+
+@kernel
+def mixed(x: float) -> float:
+    return waved(x) * clipped(x + 0.5) + divmod(x, 2.0)[1]
+
+
+def test_pairs_are_linked_as_one_after_the_other() -> None:
+    """The same functions in the same order; LLVM makes the same machine code of them."""
+    lowered = mixed.lower((types.float64,))  # type: ignore[attr-defined]
+    found: dict[Any, None] = {}
+    waiting = [lowered.library]
+    while waiting:
+        if (one := waiting.pop()) not in found:
+            found[one] = None
+            waiting += reversed(one._linking_libraries if isinstance(one, Library) else [])
+    first, *others = (one._final_module if isinstance(one, Library) else one._get_module_for_linking() for one in found)
+    assert len(others) >= 3
+    assert any(not isinstance(one, Library) for one in found)  # functions of numba, dropped where nobody calls them
+    wanted = first.clone()
+    for other in others:
+        wanted.link_in(other, preserve=True)
+    made = link([lowered.library])
+    defined = [[f.name for f in module.functions if not f.is_declaration] for module in (wanted, made)]
+    assert [name for name in defined[1] if name in defined[0]] == defined[0]
+    assert code_of(made, lowered.name) == code_of(wanted, lowered.name)
+
+
+def code_of(module: Any, entry: str) -> str:
+    """Assembly of the function and all that it needs, without names of constants."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine(opt=3)
+    for one in (*module.functions, *module.global_variables):
+        if not one.is_declaration and one.name != entry and one.linkage != llvm.Linkage.common:
+            one.linkage = "internal"
+    passes = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
+    passes.getModulePassManager().run(module, passes)
+    lines = machine.emit_assembly(module).splitlines()
+    return "\n".join(line for line in lines if line.startswith("\t") and not line.startswith("\t."))
