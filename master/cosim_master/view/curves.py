@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from cosim_master.results.storage.arrays import values_of
 from cosim_master.view.block import Array, Block, steps_between
 
 __all__ = ["Curves", "thinned"]
@@ -42,13 +43,13 @@ class Curves:
         if pa.types.is_string(kind):
             coded = column.combine_chunks().dictionary_encode()
             told |= {"texts": coded.dictionary.to_pylist(), "discrete": True}
-            self._add(told, coded.indices.to_numpy(zero_copy_only=False).astype(np.int64), "i4")
+            self._add(told, values_of(coded.indices).astype(np.int64), "i4")
         elif pa.types.is_floating(kind):
-            self._add(told, column.to_numpy(), "f4")
+            self._add(told, values_of(column), "f4")
         else:
             if pa.types.is_boolean(kind):
                 told["boolean"] = True
-            values = column.to_numpy()
+            values = values_of(column)
             small = not len(values) or (values.min() >= -(2**31) and values.max() < 2**31)
             told["discrete"] = True
             self._add(told, values, "i4" if small else "f8")

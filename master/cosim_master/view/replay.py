@@ -16,6 +16,7 @@ import pyarrow as pa
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.reading.recorded_signals import open_signals
 from cosim_master.results.reading.roles import UNKNOWN, Part, parts, players, read_manifest
+from cosim_master.results.storage.arrays import values_of
 from cosim_master.view.block import Block, steps_between
 from cosim_master.view.curves import Curves
 from cosim_master.view.motion import Motion
@@ -42,7 +43,7 @@ def replay(run: Path) -> tuple[dict[str, Any], Block]:
     known = players(run, manifest)
     with open_signals(run) as signals:
         fields = [field for field in signals.schema_arrow if field.name != "time"]
-        time = signals.read(columns=["time"]).column(0).to_numpy()
+        time = values_of(signals.read(columns=["time"]).column(0))
         if len(time) == 0:
             raise CosimError(f"{run / 'signals.parquet'}: nothing to show: the run recorded no instant")
         units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in fields}
@@ -55,7 +56,7 @@ def replay(run: Path) -> tuple[dict[str, Any], Block]:
                 column = table.column(field.name)
                 curves.take(field, column)
                 if not pa.types.is_string(field.type):
-                    motion.take(field.name, column.to_numpy())
+                    motion.take(field.name, values_of(column))
     start, end = float(time[0]), float(time[-1])
     quantum = 1e-6 * 10.0 ** max(0, int(np.ceil(np.log10(max(end - start, 1.0) / 4e3))))
     drones = motion.parts

@@ -20,6 +20,7 @@ from cosim_master.results.reading.message_names import message_names
 from cosim_master.results.reading.read import packets
 from cosim_master.results.reading.roles import Part
 from cosim_master.results.recording.packet_log import EPOCH
+from cosim_master.results.storage.arrays import values_of
 from cosim_master.view.block import Array, Block, steps_between
 
 __all__ = ["packet_at", "said", "sends", "traffic", "vehicle_of_nodes"]
@@ -47,12 +48,12 @@ def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantu
     table = packets(run)
     if table.num_rows == 0:
         return told
-    columns = {name: table[name].to_numpy() for name in ("sent", "arrival", "sequence", "system", "component")}
+    columns = {name: values_of(table[name]) for name in ("sent", "arrival", "sequence", "system", "component")}
     codes: dict[str, list[Any]] = {}
     for name in ("source", "target", "outcome", "message"):
         coded = table[name].combine_chunks().dictionary_encode()
         codes[name] = coded.dictionary.to_pylist()
-        columns[name] = coded.indices.to_numpy(zero_copy_only=False)
+        columns[name] = values_of(coded.indices)
     names = message_names()
     nodes = nodes_of(codes["source"], codes["target"])
     by_node = vehicle_of_nodes(codes["target"], parts)

@@ -630,13 +630,15 @@ def test_same_run_same_bytes_whatever_the_configuration(tmp_path: Path) -> None:
         assert a.read_bytes().startswith(b"\x89PNG" if a.suffix == ".png" else b"<?xml")
 
 
-def test_drawing_leaves_pyplot_alone_and_reading_leaves_matplotlib_alone(tmp_path: Path) -> None:
+def test_drawing_leaves_pyplot_alone_and_reading_leaves_matplotlib_and_pandas_alone(tmp_path: Path) -> None:
     run = consensus_run(tmp_path, last_step=2)
     code = (
         "import sys, pathlib; from cosim_master.results.figures.draw import figures, read_flight; "
+        "from cosim_master.results.reading.comparison import compare; "
         "run = pathlib.Path(sys.argv[1]); "
         "read_flight(run); assert 'matplotlib' not in sys.modules; "
-        "figures(run); assert 'matplotlib.pyplot' not in sys.modules"
+        "figures(run); assert 'matplotlib.pyplot' not in sys.modules; "
+        "compare(run, run); assert 'pandas' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code, str(run)], check=True)
 

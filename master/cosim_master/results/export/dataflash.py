@@ -29,6 +29,7 @@ from cosim_master.results.export.options import Options, Origin
 from cosim_master.results.reading.recorded_signals import Signals, open_signals
 from cosim_master.results.reading.roles import Player, players, read_manifest
 from cosim_master.results.recording.packet_log import EPOCH, file_name
+from cosim_master.results.storage.arrays import values_of
 
 __all__ = ["export", "log_of"]
 
@@ -167,7 +168,7 @@ def _read(signals: Signals, names: set[str], instance: str, player: Player, want
 
 
 def _floats(column: pa.ChunkedArray) -> Array:
-    values: Array = column.to_numpy().astype(np.float64)
+    values: Array = values_of(column).astype(np.float64)
     return values
 
 

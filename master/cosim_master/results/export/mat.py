@@ -20,6 +20,7 @@ from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.options import Options
 from cosim_master.results.reading.recorded_signals import open_signals
 from cosim_master.results.reading.roles import players, read_manifest
+from cosim_master.results.storage.arrays import values_of
 
 __all__ = ["export"]
 
@@ -46,7 +47,7 @@ def export(run: Path, file: Path, options: Options) -> list[str]:  # noqa: ARG00
             f"{file}: {len(fields)} signals at {table.num_rows} instants do not fit into MAT 4, whose matrices have "
             "less than 2 GiB; record fewer (`uav-cosim run --record`), or export CSV"
         )
-    recorded = np.stack([table.column(one.name).to_numpy().astype(np.float64) for one in fields])
+    recorded = np.stack([values_of(table.column(one.name)).astype(np.float64) for one in fields])
     names, about = [one.name for one in fields], [_about(one.metadata or {}) for one in fields]
     info = [(0 if row == 0 else 2, row + 1, 0, -1) for row in range(len(fields))]
     constant = [np.array([recorded[0, 0], recorded[0, -1]])]

@@ -27,6 +27,7 @@ from cosim_master.results.export.contents.variables import Recorded, recorded_va
 from cosim_master.results.export.options import Options
 from cosim_master.results.reading.recorded_signals import open_signals
 from cosim_master.results.recording.packet_log import EPOCH
+from cosim_master.results.storage.arrays import values_of
 
 __all__ = ["export"]
 
@@ -125,7 +126,7 @@ def _send_signals(recording: Any, run: Path, time: Any) -> None:
 def _send_numbers(recording: Any, place: str, one: Recorded, table: pa.Table, index: Any) -> None:
     import rerun
 
-    values = np.stack([table.column(name).to_numpy().astype(np.float64) for name in one.columns], axis=1)
+    values = np.stack([values_of(table.column(name)).astype(np.float64) for name in one.columns], axis=1)
     scalars = rerun.Scalars.columns(scalars=values.reshape(-1))
     recording.send_columns(place, index, scalars.partition([values.shape[1]] * len(values)))
     unit = f" ({one.unit})" if one.unit else ""

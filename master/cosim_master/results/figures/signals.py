@@ -16,6 +16,7 @@ from cosim_master.diagnostics.names import matching, near
 from cosim_master.results.figures.style import DASHES, NAMED, WIDTH, colour_bar, colours, draw_lines, draw_quantiles
 from cosim_master.results.reading.flight import Array
 from cosim_master.results.reading.recorded_signals import Signals, open_signals
+from cosim_master.results.storage.arrays import values_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +59,7 @@ def read_panels(run: Path, patterns: Sequence[str]) -> list[Panel]:
     """
     with open_signals(run) as signals:
         fields = {one.name: one for one in signals.schema_arrow if one.name != "time"}
-        time = signals.read(columns=["time"]).column(0).to_numpy()
+        time = values_of(signals.read(columns=["time"]).column(0))
         if not len(time):
             raise CosimError(f"{run / 'signals.parquet'}: nothing to draw: the run recorded no instant")
         rows = np.unique(np.linspace(0, len(time) - 1, min(len(time), _ROWS)).round().astype(np.int64))
@@ -77,7 +78,7 @@ def _panel(run: Path, pattern: str, fields: dict[str, pa.Field], signals: Signal
         some = names[begin : begin + 256]
         table = signals.read(columns=some)
         for i, name in enumerate(some):
-            values[:, begin + i] = table.column(name).to_numpy(zero_copy_only=False)[rows]
+            values[:, begin + i] = values_of(table.column(name))[rows]
     units = {(fields[name].metadata or {}).get(b"unit", b"").decode() for name in names}
     items = {(fields[name].metadata or {}).get(b"items", b"{}").decode() for name in names}
     return Panel(

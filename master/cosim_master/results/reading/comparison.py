@@ -22,6 +22,7 @@ import pyarrow.csv as pa_csv
 from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import matching, near_pattern
 from cosim_master.results.reading.recorded_signals import open_signals
+from cosim_master.results.storage.arrays import values_of
 
 __all__ = ["Comparison", "SignalComparison", "compare"]
 
@@ -147,7 +148,7 @@ class _Recording:
     def read(self, names: Sequence[str]) -> dict[str, _Values]:
         try:
             table = self._table.select(names) if self._file is None else self._file.read(columns=list(names))
-            return {name: table.column(name).to_numpy() for name in names}
+            return {name: values_of(table.column(name)) for name in names}
         except (pa.ArrowException, OSError) as error:
             raise _refusal(self.path, f"its signals are damaged: {error}") from None
 

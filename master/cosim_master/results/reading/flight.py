@@ -20,6 +20,7 @@ from cosim.vehicle import POSITION, STEP, TARGET
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.reading.recorded_signals import Signals, open_signals
 from cosim_master.results.reading.roles import UNKNOWN, Part, Player, parts, players, read_manifest
+from cosim_master.results.storage.arrays import values_of
 from cosim_master.system.formation import Member, member, rate, settled
 
 __all__ = ["Array", "Drone", "Flight", "read_flight"]
@@ -115,7 +116,7 @@ def read_flight(run: Path) -> Flight:
         rows = np.unique(np.linspace(0, n - 1, min(n, _ROWS)).round().astype(np.int64))
 
         kept = _columns(signals, found, instances)
-        time = signals.read(columns=["time"]).column(0).to_numpy()
+        time = values_of(signals.read(columns=["time"]).column(0))
         drones, begun = [], {True: np.zeros(n, np.int64), False: np.zeros(n, np.int64)}
         for one in found:
             vehicle, agent = one.vehicle, one.agent
@@ -155,5 +156,5 @@ def _columns(signals: Signals, found: Sequence[Part], instances: Mapping[str, Pl
     kept: dict[str, Array] = {}
     for begin in range(0, len(wanted), _AT_ONCE):
         table = signals.read(columns=wanted[begin : begin + _AT_ONCE])
-        kept |= {name: table.column(name).to_numpy() for name in table.column_names}
+        kept |= {name: values_of(table.column(name)) for name in table.column_names}
     return kept

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-__all__ = ["array_of", "numbers", "text_of", "texts"]
+__all__ = ["array_of", "numbers", "text_of", "texts", "values_of"]
 
 
 def array_of(values: NDArray[Any], type: pa.DataType, *, valid: NDArray[np.bool_] | None = None) -> pa.Array:
@@ -56,4 +56,24 @@ def numbers(column: pa.Array | pa.ChunkedArray, dtype: type[np.generic]) -> NDAr
     if one.null_count:
         bits = np.unpackbits(np.frombuffer(valid, np.uint8), count=end, bitorder="little")[one.offset :]
         return np.where(bits, found, np.nan)
+    return found
+
+
+def values_of(column: pa.Array | pa.ChunkedArray) -> NDArray[Any]:
+    """Returns the values of a column, (n,): numbers in the type of the column, truth values as `bool`.
+
+    Null is NaN; columns of other types, and truth values with nulls, are left to pyarrow.
+    """
+    kind = column.type
+    if pa.types.is_boolean(kind) and not column.null_count:
+        one = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+        if not len(one):
+            return np.empty(0, bool)
+        end = one.offset + len(one)
+        bits = np.frombuffer(one.buffers()[1], np.uint8)
+        return np.unpackbits(bits, count=end, bitorder="little")[one.offset :].view(bool)
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
+        letter = "f" if pa.types.is_floating(kind) else "i" if pa.types.is_signed_integer(kind) else "u"
+        return numbers(column, np.dtype(f"{letter}{kind.bit_width // 8}").type)
+    found: NDArray[Any] = column.to_numpy(zero_copy_only=False) if isinstance(column, pa.Array) else column.to_numpy()
     return found

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from cosim_master.results.storage.arrays import array_of, texts
+from cosim_master.results.storage.arrays import array_of, texts, values_of
 from cosim_master.stepping.observation import Rows
 from cosim_master.system.flatten.flat import CheckedSystem
 
@@ -91,13 +91,13 @@ class Columns:
                 for row, value in zip(text, column.to_pylist(), strict=True):
                     row[place] = value
             elif pa.types.is_floating(field.type):
-                real[:, place] = column.to_numpy()
+                real[:, place] = values_of(column)
             elif field.type in _WIDE.values():
                 wide = np.uint64 if pa.types.is_uint64(field.type) else np.int64
-                integer[:, place : place + 2] = column.to_numpy().astype(wide).reshape(-1, 1).view(np.int32)
+                integer[:, place : place + 2] = values_of(column).astype(wide).reshape(-1, 1).view(np.int32)
             else:
-                integer[:, place] = column.to_numpy()
-        return Rows(table.column(0).to_numpy(), real, integer, text)
+                integer[:, place] = values_of(column)
+        return Rows(values_of(table.column(0)), real, integer, text)
 
 
 def columns_of(checked: CheckedSystem, layout: Layout) -> Columns:

@@ -27,7 +27,7 @@ import numpy as np
 import pyarrow as pa
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.storage.arrays import array_of, texts
+from cosim_master.results.storage.arrays import array_of, texts, values_of
 from cosim_master.results.storage.columns import Columns
 from cosim_master.stepping.observation import Rows
 
@@ -192,7 +192,7 @@ def _as_columns(table: pa.Table, columns: Columns) -> pa.Table:
     values |= {name: table[name].combine_chunks() for name in table.schema.names}
     rows, (reals, integers, texts) = table.num_rows, columns.widths
     return columns.table(
-        values["time"].to_numpy(),
+        values_of(values["time"]),
         np.ascontiguousarray(_matrix(values["Real"], rows, reals, np.float64).T),
         np.ascontiguousarray(_matrix(values["Integer"], rows, integers, np.int32).T),
         values["String"].to_pylist() if texts else (),
@@ -200,7 +200,7 @@ def _as_columns(table: pa.Table, columns: Columns) -> pa.Table:
 
 
 def _matrix(lists: Any, rows: int, width: int, dtype: Any) -> Any:
-    return lists.flatten().to_numpy().reshape(rows, width) if width else np.zeros((rows, 0), dtype)
+    return values_of(lists.flatten()).reshape(rows, width) if width else np.zeros((rows, 0), dtype)
 
 
 def schema_of(file: Path) -> pa.Schema:

@@ -22,6 +22,7 @@ from cosim_master.results.export.options import Options, Origin
 from cosim_master.results.reading.recorded_signals import Signals, open_signals
 from cosim_master.results.reading.roles import UNKNOWN, Player, parts, players, read_manifest
 from cosim_master.results.recording.packet_log import EPOCH
+from cosim_master.results.storage.arrays import values_of
 
 __all__ = ["Track", "Tracks", "declared_origin", "enu", "frd_to_flu", "geodetic", "orientation", "read_tracks"]
 
@@ -113,7 +114,7 @@ def read_tracks(run: Path, options: Options, *, on_earth: bool = False) -> Track
     with open_signals(run) as signals:
         units = {f.name: (f.metadata or {}).get(b"unit", b"").decode() for f in signals.schema_arrow}
         found = [one for one in parts(units, known) if one.vehicle]
-        time = signals.read(columns=["time"]).column(0).to_numpy()
+        time = values_of(signals.read(columns=["time"]).column(0))
         if not found or not len(time):
             what = "no instant" if found else f"no component with {POSITION}[1..3] in m"
             raise CosimError(f"{run / 'signals.parquet'}: nothing to export: the run recorded {what}")
@@ -136,7 +137,7 @@ def _track(name: str, vehicle: str, player: Player, units: Mapping[str, str], si
         if not variable or not all(column in units for column in wanted):
             return None
         table = signals.read(columns=wanted)
-        return np.stack([table.column(column).to_numpy().astype(np.float64) for column in wanted], axis=1)
+        return np.stack([values_of(table.column(column)).astype(np.float64) for column in wanted], axis=1)
 
     position = columns(player.position, 3)
     assert position is not None
