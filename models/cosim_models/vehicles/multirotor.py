@@ -189,7 +189,7 @@ _BODY_PARAMETERS = (
         "drag_by_axis",
         type=bool,
         start=False,
-        description="quadratic_drag acts on each axis of the body by its own air speed, as in ArduPilot's simulation",
+        description="quadratic_drag acts on each axis by its own air speed, rotor_drag also along the rotor's, as in ArduPilot's SITL",
     ),
     Parameter(
         "rotational_damping",

@@ -81,6 +81,7 @@ from cosim_models.autopilot.record.modes import (
 __all__ = ["hear_station", "watch"]
 
 _PERIOD = 0.1  # s
+_FENCE_PERIOD = 0.04  # s
 _GIVE_UP = 100.0  # m beyond a fence at which the vehicle lands instead of returning
 # FS_OPTIONS
 _AUTO_GOES_ON, _AUTO_GOES_ON_ALONE, _GUIDED_GOES_ON, _LANDING_GOES_ON, _PILOT_GOES_ON_ALONE = 1, 2, 4, 8, 16
@@ -247,11 +248,19 @@ def _breaches(m: Any) -> tuple[int, int]:
 
 @kernel
 def _watch_fence(m: Any, t: float) -> None:
+    """Acts on the breaches found last, and looks for others, 25 times a second as ArduCopter's main loop does.
+
+    ArduCopter looks in another thread, just after its main loop has taken the breaches found before.
+    """
+    m.next_fence = t + _FENCE_PERIOD
     if m.FENCE_ENABLE == 0 or not m.armed:
         m.fence_breach = 0
+        m.fence_new = 0
         m.fence_low_armed = False
         m.fence_recovery = 0.0
         return
+    if m.fence_new != 0:
+        _act_on_breach(m, t)
     if m.fence_recovery > 0.0:
         if t < m.fence_recovery - 1e-9:
             return
@@ -261,10 +270,17 @@ def _watch_fence(m: Any, t: float) -> None:
     if now == 0 and before != 0:
         say(m, WARNING, FENCE_CLEARED, NO_NUMBER)
     m.fence_breach = now
-    if new == 0:
-        return
-    m.breach_count += 1
-    m.breach_time = t
+    if new != 0:
+        m.fence_new = new
+        m.breach_count += 1
+        m.breach_time = t
+
+
+@kernel
+def _act_on_breach(m: Any, t: float) -> None:
+    """Tells of the breaches found last, and performs FENCE_ACTION."""
+    new = int(m.fence_new)
+    m.fence_new = 0
     if (new & HIGHEST) != 0:
         say(m, WARNING, HIGH_BREACHED, NO_NUMBER)
     if (new & CIRCLE) != 0:
@@ -307,7 +323,9 @@ def _count_flights(m: Any, t: float) -> None:
 
 @kernel
 def watch(m: Any, t: float) -> None:
-    """Runs the fail-safes, ten times a second."""
+    """Runs the fail-safes, ten times a second, and the fences, 25 times a second."""
+    if m.FENCE_ENABLE != 0 and t >= m.next_fence - 1e-9:
+        _watch_fence(m, t)
     if t < m.next_watch - 1e-9:
         return
     m.next_watch = t + _PERIOD
@@ -322,4 +340,5 @@ def watch(m: Any, t: float) -> None:
     _watch_station(m, t)
     _watch_radio(m, t)
     watch_switches(m, t)
-    _watch_fence(m, t)
+    if m.FENCE_ENABLE == 0:
+        _watch_fence(m, t)

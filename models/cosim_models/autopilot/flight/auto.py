@@ -118,6 +118,7 @@ from cosim_models.autopilot.link.statustext import (
 )
 from cosim_models.autopilot.mission.missions import (
     COMMAND,
+    LATITUDE,
     P1,
     P2,
     P3,
@@ -336,6 +337,14 @@ def _tell(m: Any, command: int, row: int) -> None:
 
 
 @kernel
+def _land_here(m: Any) -> None:
+    leave_legs(m)
+    m.auto_stage = _THERE
+    m.auto_landing = True
+    start_land(m)
+
+
+@kernel
 def _begin(m: Any, row: int, t: float) -> None:
     """Begins a navigation command."""
     command = int(m.mission[row, COMMAND])
@@ -360,6 +369,8 @@ def _begin(m: Any, row: int, t: float) -> None:
         _begin_turns(m, row)
     elif command == MAV_CMD_NAV_SPLINE_WAYPOINT:
         _curve_to(m, row)
+    elif command == MAV_CMD_NAV_LAND and m.mission[row, LATITUDE] == 0.0 and m.mission[row, LATITUDE + 1] == 0.0:
+        _land_here(m)
     else:
         n, e, u = place(m, row)
         if command == MAV_CMD_NAV_LAND:
@@ -548,7 +559,4 @@ def run_auto(m: Any, t: float, dt: float) -> None:
             leave_legs(m)
             m.auto_stage = _THERE
         if m.auto_command == MAV_CMD_NAV_LAND and m.leg_reached:
-            leave_legs(m)
-            m.auto_stage = _THERE
-            m.auto_landing = True
-            start_land(m)
+            _land_here(m)

@@ -341,14 +341,13 @@ def run_guided(m: Any, t: float, dt: float) -> None:
         rest_on_ground(m, dt)
         return
     m.spool_wanted = THROTTLE_UNLIMITED
-    if t - m.guided_time > m.GUID_TIMEOUT:
+    late = t - m.guided_time > m.GUID_TIMEOUT
+    if late:
         stop_turning(m)
         if m.submode != POSITION:
             for i in range(3):
                 m.guided_velocity_neu[i] = 0.0
                 m.guided_acceleration_neu[i] = 0.0
-        if m.submode == ACCELERATION:
-            guide_stop(m, t)
     p, v, a = m.guided_position_neu, m.guided_velocity_neu, m.guided_acceleration_neu
     if m.submode == POSITION:
         seek_position(m, p[0], p[1], p[2], dt)
@@ -361,6 +360,9 @@ def run_guided(m: Any, t: float, dt: float) -> None:
         seek_velocity_up(m, vu, a[2], False, dt)
     elif m.submode == POSITION_VELOCITY:
         seek_position_velocity(m, p, v, a, dt)
+    elif late:  # after accelerations, the velocity is brought to zero
+        seek_velocity_ne(m, 0.0, 0.0, 0.0, 0.0, dt)
+        seek_velocity_up(m, 0.0, 0.0, False, dt)
     else:
         seek_acceleration(m, a[0], a[1], a[2], dt)
     control_ne(m, dt)

@@ -276,6 +276,8 @@ MEMORY = (
     State("fence_breach", type=int, description="breached fences, bits of FENCE_TYPE"),
     Memory("fence_low_armed", dtype="?", rare=True),
     Memory("fence_backup", shape=3, rare=True),  # beyond maximum height, circle, minimum height: another breach
+    Memory("next_fence", rare=True),  # time at which fences are looked at next
+    Memory("fence_new", dtype="i4", rare=True),  # breaches that the next look at the fences acts on
     Memory("fence_recovery", rare=True),  # time until which breaches are not looked at; 0: they are
     Memory("land_pause"),  # s until LAND descends
     # failing sensors
