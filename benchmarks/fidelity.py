@@ -2,10 +2,13 @@
 
 Takes recorded flights (`benchmarks.flights` describes the format; `benchmarks.record` records them). `noyaw` in a name
 means WP_YAW_BEHAVIOR 0, `3mps` WPNAV_SPEED 300. Other parameters of the autopilot: --set.
+Where the error of ArduCopter's estimate was recorded, ours senses its motion with the same error at the same time, so that
+the autopilots are compared and not ArduCopter's estimator with the truth. With --true, and where a flight makes sensors fail,
+ours senses its true motion.
 Prints one row for each figure, with a verdict: times and distances within 5 % (or 0.1 s, 0.1 m), rms of the distance
 between the paths within 0.05 m on the external body, 0.1 m on ArduCopter's.
 
-    python -m benchmarks.fidelity [FLIGHT.csv ...] [--set WPNAV_ACCEL=100 ...]
+    python -m benchmarks.fidelity [FLIGHT.csv ...] [--true] [--set WPNAV_ACCEL=100 ...]
 """
 
 from __future__ import annotations
@@ -19,8 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.flights import Flight, approach, arm, goes_to_start, on_the_ground, perform, read, upload
+from benchmarks.flights import ERRORS, Flight, approach, arm, goes_to_start, on_the_ground, perform, read, upload
 from cosim import Model
+from cosim.frames import euler_from_quaternion, quaternion_from_euler
 from cosim_models.vehicles.quadrotor import Quadrotor
 from tests.models.copter import RECORDED_AUTOPILOT, RECORDINGS, Copter, H, preset
 
@@ -54,20 +58,58 @@ def heading_of(flight: Flight) -> float:
     return math.radians((float(flight.real["yaw"][0]) + 180.0) % 360.0 - 180.0)
 
 
+class Misled(Copter):
+    """A copter that senses its motion with recorded errors: the first ones until `begin` is called."""
+
+    def __post_init__(self) -> None:
+        self._row, self._rows = 0, np.zeros((1, len(ERRORS)))
+        self._begun = False
+        super().__post_init__()
+
+    def errs(self, flight: Flight) -> None:
+        """Takes the errors of a flight; those of the position count from its command on."""
+        assert flight.errors is not None
+        time = np.arange(0.0, float(flight.real["t"][-1]), H)
+        self._rows = np.column_stack([np.interp(time, flight.real["t"], column) for column in flight.errors.T])
+        self._rows[:, :3] -= self._rows[0, :3]
+        self._rows[:, 6:] = np.radians(self._rows[:, 6:])
+
+    def begin(self) -> None:
+        self._begun = True
+
+    def _connect(self) -> None:
+        super()._connect()
+        error = self._rows[min(self._row, len(self._rows) - 1)]
+        self._row += self._begun
+        self.m["position"][:] += error[:3]
+        self.m["velocity"][:] += error[3:6]
+        w, x, y, z = (float(part) for part in self.m["attitude"])
+        roll, pitch, yaw = euler_from_quaternion((w, x, y, z))
+        self.m["attitude"][:] = quaternion_from_euler(roll + error[6], pitch + error[7], yaw + error[8])
+
+
 def fly(
-    flight: Flight, parameters: dict[str, float], model: type[Model] = Quadrotor, body: dict[str, Any] | None = None
+    flight: Flight,
+    parameters: dict[str, float],
+    model: type[Model] = Quadrotor,
+    body: dict[str, Any] | None = None,
+    true: bool = False,
 ) -> NDArray[np.float64]:
     """Ours: rows of time, position and velocity [NED] from the command on.
 
     Args:
         parameters: of the autopilot, beside those of the flight.
         model, body: vehicle and its parameters; by default the body of the flight.
+        true: whether the errors of ArduCopter's estimate are left out.
     """
     head = flight.head
     heading = 0.0 if goes_to_start(head) or flight.kind == "mission" else heading_of(flight)
     vehicle = {**(preset_of(flight) if body is None else body), "yaw_start": heading}
     values = {**parameters_of(flight), **parameters}
-    copter = Copter(model, autopilot=values, vehicle=vehicle, direct=True)
+    erring = flight.errors is not None and not true and flight.kind != "failure"
+    copter = (Misled if erring else Copter)(model, autopilot=values, vehicle=vehicle, direct=True)
+    if isinstance(copter, Misled):
+        copter.errs(flight)
     copter.run(3.0)
     if on_the_ground(head) and "mission" in head:
         upload(copter, head["mission"])
@@ -78,6 +120,8 @@ def fly(
     if flight.target is not None:
         desired = np.array([flight.real[f"des_{axis}"][0] for axis in "ned"])
         head = {**head, "target": copter.m["desired_position"] + flight.target - desired}
+    if isinstance(copter, Misled):
+        copter.begin()
     rows: NDArray[np.float64] = perform(copter, head, float(flight.real["t"][-1]))
     rows[:, 0] -= rows[0, 0] - H
     return rows[:, :7]
@@ -166,19 +210,21 @@ def verdict(flight: Flight, name: str, theirs: float, mine: float) -> str:
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).split("\n", 1)[0])
     parser.add_argument("flights", nargs="*", type=Path)
+    parser.add_argument("--true", action="store_true", help="ours senses its true motion")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options = parser.parse_args(arguments)
     parameters = {name: float(value) for name, _, value in (pair.partition("=") for pair in options.set)}
     print(f"{'flight':24} {'kind':9} {'figure':13} {'ArduCopter':>10} {'ours':>8} {'':>8} verdict")
-    rows = good = 0
+    rows = good = near = flights = 0
     for path in options.flights or sorted(RECORDINGS.glob("*.csv.gz")):
         flight = read(path)
-        for name, (theirs, mine) in compare(flight, fly(flight, parameters)).items():
+        for name, (theirs, mine) in compare(flight, fly(flight, parameters, true=options.true)).items():
             share = f"{100 * (mine / theirs - 1):+.1f} %" if theirs else ""
             found = verdict(flight, name, theirs, mine)
             rows, good = rows + bool(found), good + (found == "ok")
+            flights, near = flights + (name == "rms"), near + (name == "rms" and found == "ok")
             print(f"{flight.name:24} {flight.kind:9} {name:13} {theirs:10.3f} {mine:8.3f} {share:>8} {found}")
-    print(f"{good} of {rows} rows ok")
+    print(f"{good} of {rows} rows ok; rms of {near} of {flights} flights ok")
 
 
 if __name__ == "__main__":

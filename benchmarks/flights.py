@@ -1,7 +1,8 @@
 """Recorded flights of ArduCopter, and their commands, for the real one and for ours.
 
 A flight is a file of CSV (or CSV compressed by gzip): a first line of JSON after "# " with the command, then columns t,
-n, e, d, vn, ve, vd, yaw, des_n, des_e, des_d [s, m, m/s, degrees, NED], t = 0 when the command was taken. Commands:
+n, e, d, vn, ve, vd, yaw, des_n, des_e, des_d [s, m, m/s, degrees, NED], t = 0 when the command was taken, and, where
+they were recorded, `ERRORS`: by how much ArduCopter's estimate erred then, in the same units. Commands:
 
     {"target": [n, e, d]}                a move [m NED]; "speed" means a DO_CHANGE_SPEED before it
     {"type": 4, "vel": [n, e, d]}        a velocity [m/s], ten times a second for "lasts" s (default: to the end)
@@ -13,7 +14,7 @@ n, e, d, vn, ve, vd, yaw, des_n, des_e, des_d [s, m, m/s, degrees, NED], t = 0 w
     {}                                   a take-off to 10 m, or to "height" [m]
 
 "type" is that of ArduCopter's GUIP messages (2: a position), "parameters" are the autopilot's from the start, "armed"
-is the time [s] from arming to a command on the ground, "sticks" [us] are the pilot's channels 1 to 4 from the command
+is the time [s] from arming to a command on the ground, "before" that for which "vel" was flown before a command, "sticks" [us] are the pilot's channels 1 to 4 from the command
 on, "duration" is that of the flight. Names that begin with `json` flew on the body of the preset ardupilot_json, those
 that begin with `x` on ArduPilot's own (ardupilot_sitl_quad).
 """
@@ -45,10 +46,13 @@ CHANGE_SPEED, WAYPOINT = mavlink.MAV_CMD_DO_CHANGE_SPEED, mavlink.MAV_CMD_NAV_WA
 MOVE, VELOCITY, ACCELERATION, ATTITUDE = 2, 4, 5, 6
 """Commands in GUIDED, by the type of ArduCopter's GUIP."""
 NEEDED = {VELOCITY: "vel", ACCELERATION: "accel", ATTITUDE: "attitude"}
+ERRORS = ("err_n", "err_e", "err_d", "err_vn", "err_ve", "err_vd", "err_roll", "err_pitch", "err_yaw")
+"""Columns of the error of ArduCopter's estimate: estimate minus truth [m, m/s, degrees]."""
 HEIGHT = 10.0
 """Height of a take-off [m] unless the flight says another."""
 CLIMB, SETTLE, BEFORE = 25.0, 25.0, 8.0
-"""Time [s] of the take-off before a command, of the way to its beginning, and of the velocity flown before it."""
+"""Time [s] of the take-off before a command, of the way to its beginning, and of the velocity flown before it, unless the
+flight says another."""
 
 
 def kind_of(head: dict[str, Any]) -> str:
@@ -89,6 +93,11 @@ class Flight:
     @property
     def kind(self) -> str:
         return kind_of(self.head)
+
+    @property
+    def errors(self) -> NDArray[np.float64] | None:
+        """The columns `ERRORS`, n x 9; None if they were not recorded."""
+        return np.column_stack([self.real[name] for name in ERRORS]) if ERRORS[0] in self.real else None
 
     @property
     def body(self) -> str:
@@ -161,7 +170,7 @@ def approach(copter: Any, head: dict[str, Any]) -> None:
         copter.run(1.0)
         copter.ask(CHANGE_SPEED, 1, head["speed"], -1)
     if kind_of(head) != "set-point" and "vel" in head:
-        _repeat(copter, {"vel": head["vel"]}, BEFORE)
+        _repeat(copter, {"vel": head["vel"]}, head.get("before", BEFORE))
 
 
 def perform(copter: Any, head: dict[str, Any], duration: float) -> Any:
@@ -192,9 +201,10 @@ def _repeat(copter: Any, head: dict[str, Any], duration: float) -> Any:
     lasts = min(float(head.get("lasts", duration)), duration)
     count = max(round(10.0 * lasts), 1)
     rows = []
-    for _ in range(count):
+    begin = copter.time
+    for i in range(1, count + 1):
         _set_point(copter, head)
-        rows.append(copter.run(lasts / count))
+        rows.append(copter.run(begin + i * lasts / count - copter.time))
     if lasts < duration:
         _set_point(copter, head)
         rows.append(copter.run(duration - lasts))

@@ -74,8 +74,8 @@ def paths(flight: Flight) -> dict[str, Path3]:
     """The path of each rung."""
     real = flight.real
     recorded = np.column_stack([real["t"], *(real[axis] for axis in "ned")])
-    linear = fly(flight, {}, LinearQuadrotor, linearised(preset_of(flight)))
-    flown = (recorded, fly(flight, {}), linear, fly_point(flight))
+    linear = fly(flight, {}, LinearQuadrotor, linearised(preset_of(flight)), true=True)
+    flown = (recorded, fly(flight, {}, true=True), linear, fly_point(flight))
     return {rung: (rows[:, 0], rows[:, 1:4] - rows[0, 1:4]) for rung, rows in zip(RUNGS, flown, strict=True)}
 
 

@@ -2,7 +2,8 @@
 
 ArduCopter, which the environment variable ARDUPILOT_SITL names, flies each command in a run of its own: on the body of
 the preset ardupilot_json, or on its own physics (`--body x`; the program must lie in ArduPilot's source tree then).
-t = 0 is when its own log says that it took the command; what it desired is from its log too. A flight is either a name
+t = 0 is when its own log says that it took the command; what it desired and where its estimate erred is from its log
+too. A flight is either a name
 and the first line of a flight (`benchmarks.flights`), or a move NORTH,EAST,DOWN [m] from 10 m above home, where it is
 not to be ArduCopter's own speed with @SPEED [m/s]. `--list` is a JSON object of names and first lines.
 
@@ -24,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.DFReader import DFReader_binary
 
-from benchmarks.flights import HEIGHT, approach, arm, kind_of, on_the_ground, perform, upload
+from benchmarks.flights import BEFORE, ERRORS, HEIGHT, approach, arm, kind_of, on_the_ground, perform, upload
 from benchmarks.own_physics import OwnPhysics
 from tests.models.copter import preset
 from tests.models.real_copter import READY, RealCopter
@@ -37,8 +38,8 @@ ARMED = 1.5
 """Time [s] between arming and a command on the ground."""
 RATE = 25.0
 """Rows a second."""
-COLUMNS = "t,n,e,d,vn,ve,vd,yaw,des_n,des_e,des_d"
-_TYPES = ("SIM2", "SIM", "PSCN", "PSCE", "PSCD", "GUIP", "GUIA", "MODE", "MAVC", "PARM")
+COLUMNS = ",".join(("t,n,e,d,vn,ve,vd,yaw,des_n,des_e,des_d", *ERRORS))
+_TYPES = ("XKF1", "SIM2", "SIM", "PSCN", "PSCE", "PSCD", "GUIP", "GUIA", "MODE", "MAVC", "PARM")
 _AUTO, _TAKE_OFF, _START, _ARM = 3, 22, 300, 400
 
 
@@ -73,6 +74,8 @@ class Log:
         self.rows = {name: [] for name in _TYPES}
         reader = DFReader_binary(str(logs[0]))
         while (message := reader.recv_match(type=list(_TYPES))) is not None:
+            if message.get_type() == "XKF1" and message.C != 0:  # only the estimator that flies
+                continue
             fields = [getattr(message, name) for name in message._fieldnames]
             self.rows[message.get_type()].append((fields[0] / 1e6, *fields[1:]))
 
@@ -101,6 +104,10 @@ class Log:
             raise ValueError(f"ArduCopter's log has no {kind} after {sent:g} s")
         return float(found[-1 if last else 0])
 
+    def hurried(self, sent: float) -> float:
+        """When [s] it took the first velocity that was sent before the command of `sent`."""
+        return min(row[0] for row in self.rows["GUIP"] if row[1] == 4 and sent - 2.0 * BEFORE < row[0])
+
     def armed(self) -> float:
         return float(next(row[0] for row in self.rows["MAVC"] if row[6] == _ARM))
 
@@ -118,6 +125,17 @@ def write(path: Path, head: dict[str, Any], rows: NDArray[np.float64]) -> None:
     path.write_bytes(gzip.compress(("\n".join(lines) + "\n").encode(), mtime=0))
 
 
+def errors(log: Log) -> NDArray[np.float64]:
+    """Rows of time [s] and the error of the estimate: position [m, NED], velocity [m/s, NED], Euler angles [degrees]."""
+    time = np.array([row[0] for row in log.rows["XKF1"]])
+    motion = log.columns("XKF1", time, 9, 10, 11, 5, 6, 7) - log.columns("SIM2", time, 1, 2, 3, 4, 5, 6)
+    angles = log.columns("XKF1", time, 2, 3) - log.columns("SIM", time, 1, 2)
+    truth = np.array([(row[0], row[3]) for row in log.rows["SIM"]])
+    yaw = np.array([row[4] for row in log.rows["XKF1"]])
+    yaw = yaw - np.interp(time, truth[:, 0], np.unwrap(truth[:, 1], period=360.0))
+    return np.column_stack([time, motion, angles, (yaw + 180.0) % 360.0 - 180.0])
+
+
 def flown(log: Log, truth: NDArray[np.float64] | None, begin: float, duration: float) -> NDArray[np.float64]:
     """Rows from `begin` on: of the motion (time, position, velocity, attitude), or of the log where that is None."""
     time = begin + np.arange(0.0, duration, 1.0 / RATE)
@@ -129,7 +147,9 @@ def flown(log: Log, truth: NDArray[np.float64] | None, begin: float, duration: f
         turned = np.array([(row[0], row[3]) for row in log.rows["SIM"]])
         yaw = np.interp(time, turned[:, 0], np.unwrap(turned[:, 1], period=360.0))
     desired = [log.columns(kind, time, 2)[:, 0] for kind in ("PSCN", "PSCE", "PSCD")]
-    return np.column_stack([time - begin, motion, yaw, *desired])
+    erring = errors(log)
+    erred = [np.interp(time, erring[:, 0], erring[:, i]) for i in range(1, 10)]
+    return np.column_stack([time - begin, motion, yaw, *desired, *erred])
 
 
 def record(folder: Path, name: str, body: str, head: dict[str, Any]) -> Path:
@@ -156,6 +176,8 @@ def record(folder: Path, name: str, body: str, head: dict[str, Any]) -> Path:
     log = Log(place)
     begin = log.taken(head, sent)
     head = {**head, "armed": round(begin - log.armed(), 4)} if on_the_ground(head) else head
+    if "vel" in head and kind_of(head) not in ("set-point", "take-off"):
+        head = {**head, "before": round(begin - log.hurried(sent), 4)}
     if "lasts" in head:
         head = {**head, "lasts": round(log.taken(head, sent, last=True) - begin, 4)}
     file = folder / f"{body}_{name}.csv.gz"

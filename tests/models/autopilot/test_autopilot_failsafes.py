@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.models.autopilot.test_autopilot_commands import at
-from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, ONLY_VELOCITY, RTL, Copter
+from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, ONLY_VELOCITY, RTL, Copter, H
 
 ALT_HOLD, BRAKE = (mavlink.COPTER_MODE_ALT_HOLD, mavlink.COPTER_MODE_BRAKE)
 SMART_RTL = mavlink.COPTER_MODE_SMART_RTL
@@ -81,6 +81,36 @@ def test_fences(fence: dict[str, Any], way: tuple[float, float, float], text: st
     assert (4, text) in texts(copter)
     assert ((6, "Manual recovery started") in texts(copter)) == (action != 0)
     assert copter.m["mode"] == mode
+
+
+def test_a_breach_is_found_25_times_a_second_and_acted_on_a_period_later() -> None:
+    """As ArduCopter's two threads do it: between one and two periods pass."""
+    values = {"FENCE_ENABLE": 1, "FENCE_ACTION": 4, "AVOID_ENABLE": 0, "FENCE_RADIUS": 10.0}
+    delays = []
+    for early in range(0, 16, 5):  # steps by which the flight begins earlier: other phases of the period
+        copter = Copter(autopilot=values).in_the_air(5.0, 10.0)
+        copter.run((16 - early) * H)
+        copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
+        copter.run(2.4)
+        while copter.v["position"][0] <= 10.0:
+            copter.tick()
+        crossed = copter.time
+        while copter.m["mode"] == GUIDED:
+            copter.tick()
+        delays.append(copter.time - crossed)
+    assert min(delays) >= 0.04 - 2 * H and max(delays) <= 0.08 + 2 * H
+    assert max(delays) - min(delays) > 0.01
+
+
+def test_a_breach_is_forgotten_when_fences_are_switched_off() -> None:
+    copter = Copter(autopilot={"FENCE_ENABLE": 1, "AVOID_ENABLE": 0, "FENCE_RADIUS": 10.0}).in_the_air(5.0, 10.0)
+    copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
+    copter.run(2.4)
+    while copter.m["fence_new"] == 0:
+        copter.tick()
+    copter.m["FENCE_ENABLE"] = 0
+    copter.run(1.0)
+    assert (copter.m["mode"], copter.m["fence_new"], copter.m["fence_breach"]) == (GUIDED, 0, 0)
 
 
 @pytest.mark.parametrize(("action", "mode"), [(3, RTL), (5, LAND)])

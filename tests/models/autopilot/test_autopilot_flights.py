@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim.frames import euler_from_quaternion, geodetic_from_local
 from cosim.vehicle import Airframe
+from cosim_models.autopilot.record.modes import ACCELERATION
 from cosim_models.vehicles.hexarotor import Hexarotor
 from tests.models.copter import (
     ACCEPTED,
@@ -320,3 +321,23 @@ def test_mode_changes_in_flight_do_not_jerk() -> None:
         flight = copter.run(0.5)
         assert np.abs(flight[:, 4:6]).max() < 0.1
         assert np.abs(flight[:, 6]).max() < 0.8
+
+
+def test_after_accelerations_it_stops_without_beginning_anew() -> None:
+    """When no more come, the velocity is shaped to zero; the position that lags behind is not given up."""
+    copter = Copter().in_the_air(5.0, 10.0)
+    for _ in range(30):
+        copter.go(0.0, 0.0, 0.0, ONLY_ACCELERATION, afx=1.0)
+        copter.run(0.1)
+    given = copter.time - 0.1
+    desired = []
+    while copter.time < given + 4.0:
+        copter.tick()
+        desired.append((copter.time, *copter.m["desired_position_neu"][:1], *copter.m["desired_velocity_neu"][:1]))
+    times, places, speeds = np.array(desired).T
+    late = times > given + 3.01
+    assert speeds[late][0] == pytest.approx(6.0, abs=0.2)  # 1 m/s2 for six seconds
+    assert np.abs(np.diff(places) - 0.5 * H * (speeds[1:] + speeds[:-1])).max() < 1e-3
+    copter.run(6.0)
+    assert np.abs(copter.v["velocity"]).max() < 0.1
+    assert copter.m["submode"] == ACCELERATION

@@ -224,6 +224,28 @@ def test_a_takeoff_below_the_vehicle_is_done_at_once(copter: Copter) -> None:
     assert -flight[:, 3].max() > 14.8
 
 
+def test_a_landing_begins_with_a_leg_at_the_present_height_in_whole_centimetres(copter: Copter) -> None:
+    """As in ArduCopter, whose Location has no parts of a centimetre; without a place, there is no such leg."""
+    copter.in_the_air(5.0, 10.0)
+    upload(copter, HOME, item(1, mavlink.MAV_CMD_NAV_TAKEOFF, z=1.0), item(2, mavlink.MAV_CMD_NAV_LAND, north=1.0))
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)
+    while copter.m["auto_command"] != mavlink.MAV_CMD_NAV_LAND:
+        copter.tick()
+    sea = 100.0 * (copter.m["origin_altitude"] + copter.m["guided_position_neu"][2])
+    assert sea == pytest.approx(round(sea), abs=1e-6)
+    assert 0.0 <= copter.m["position_neu"][2] - copter.m["guided_position_neu"][2] < 0.01 + 1e-9
+    begun = copter.time
+    while not copter.m["auto_landing"]:
+        copter.tick()
+    assert 2.0 < copter.time - begun < 6.0  # a metre north
+    copter = Copter().in_the_air(5.0, 10.0)
+    upload(copter, HOME, item(1, mavlink.MAV_CMD_NAV_TAKEOFF, z=1.0), item(2, mavlink.MAV_CMD_NAV_LAND))
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)
+    while copter.m["auto_command"] != mavlink.MAV_CMD_NAV_LAND:
+        copter.tick()
+    assert copter.m["auto_landing"]
+
+
 def test_a_takeoff_climbs_at_least_a_metre(copter: Copter) -> None:
     upload(copter, HOME, item(1, mavlink.MAV_CMD_NAV_TAKEOFF, z=0.2), item(2, mavlink.MAV_CMD_NAV_LOITER_UNLIM))
     copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)

@@ -131,6 +131,19 @@ def test_terminal_speed_with_drag_by_axis() -> None:
     assert m.velocity[:2] == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
+def test_rotor_drag_along_the_axis_with_drag_by_axis() -> None:
+    """m dv/dt = -k v, k being rotor_drag times the sum of the rotor speeds: the climb decays."""
+    m = hovering(rotor_drag=2e-4, drag_by_axis=True, axial_speed_limit=0.0, rolling_moment=0.0)
+    k = 2e-4 * float(np.sum(m.rotor_speed[: int(m.rotor_count)]))
+    m.velocity[2] = -4.0
+    run(m, 1.0)
+    assert m.velocity[2] == pytest.approx(-4.0 * math.exp(-k / m.mass), rel=1e-7)
+    m = hovering(rotor_drag=2e-4, axial_speed_limit=0.0, rolling_moment=0.0)
+    m.velocity[2] = -4.0
+    run(m, 1.0)
+    assert m.velocity[2] == pytest.approx(-4.0, rel=1e-9)
+
+
 def test_thrust_falls_linearly_with_axial_speed() -> None:
     """m dv/dt = m g (1 - (1 - |v| / 25)) has the solution v0 exp(g t / 25): climbing, the hover thrust is short."""
     m = hovering(rotor_drag=0.0, rolling_moment=0.0, rotor_x=0.0, rotor_y=0.0)

@@ -68,7 +68,6 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
     """Returns force [N] and torque [N m] of rotors and body drag about the centre of mass, FRD; `air` is airspeed."""
     fx = fy = fz = 0.0
     mx = my = mz = 0.0
-    axial = float(m.rotor_drag) if m.drag_by_axis else 0.0
     for i in range(m.rotor_count):
         speed = float(m.stage_speed[stage, i])
         thrust = m.thrust_now * speed * speed
@@ -81,12 +80,11 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
         turning = float(m.rotor_direction[i])
         f = rotor_force(speed, thrust, hub, m.vanishing, m.rotor_drag)
         t = rotor_moment(speed, thrust, hub, turning, m.moment_constant, m.rolling_moment)
-        down = f[2] - speed * axial * hub[2]
         fx += f[0]
         fy += f[1]
-        fz += down
-        mx += t[0] + y * down - z * f[1]
-        my += t[1] + z * f[0] - x * down
+        fz += f[2]
+        mx += t[0] + y * f[2] - z * f[1]
+        my += t[1] + z * f[0] - x * f[2]
         mz += t[2] + x * f[1] - y * f[0]
     drag = float(m.linear_drag)
     if m.drag_by_axis:
@@ -94,6 +92,12 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
         fx -= own * abs(air[0]) * air[0]
         fy -= own * abs(air[1]) * air[1]
         fz -= own * abs(air[2]) * air[2]
+        for i in range(m.rotor_count):
+            x, y = float(m.rotor_x[i]), float(m.rotor_y[i])
+            along = m.rotor_drag * float(m.stage_speed[stage, i]) * (air[2] + rates[0] * y - rates[1] * x)
+            fz -= along
+            mx -= y * along
+            my += x * along
     elif m.quadratic_drag > 0.0:
         drag += m.quadratic_drag * sqrt(air[0] * air[0] + air[1] * air[1] + air[2] * air[2])
     force = (fx - drag * air[0], fy - drag * air[1], fz - drag * air[2])
