@@ -2,9 +2,9 @@
 
 Takes recorded flights (`benchmarks.flights` describes the format; `benchmarks.record` records them). `noyaw` in a name
 means WP_YAW_BEHAVIOR 0, `3mps` WPNAV_SPEED 300. Other parameters of the autopilot: --set.
-Where the error of ArduCopter's estimate was recorded, ours senses its motion with the same error at the same time, so that
-the autopilots are compared and not ArduCopter's estimator with the truth. With --true, and where a flight makes sensors fail,
-ours senses its true motion.
+Where the error of ArduCopter's estimate was recorded, ours senses its motion with the same error at the same time, so
+that the autopilots are compared and not ArduCopter's estimator with the truth. With --true, and where a flight makes
+sensors fail, ours senses its true motion.
 Prints one row for each figure, with a verdict: times and distances within 5 % (or 0.1 s, 0.1 m), rms of the distance
 between the paths within 0.05 m on the external body, 0.1 m on ArduCopter's.
 

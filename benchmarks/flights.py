@@ -14,9 +14,10 @@ they were recorded, `ERRORS`: by how much ArduCopter's estimate erred then, in t
     {}                                   a take-off to 10 m, or to "height" [m]
 
 "type" is that of ArduCopter's GUIP messages (2: a position), "parameters" are the autopilot's from the start, "armed"
-is the time [s] from arming to a command on the ground, "before" that for which "vel" was flown before a command, "sticks" [us] are the pilot's channels 1 to 4 from the command
-on, "duration" is that of the flight. Names that begin with `json` flew on the body of the preset ardupilot_json, those
-that begin with `x` on ArduPilot's own (ardupilot_sitl_quad).
+is the time [s] from arming to a command on the ground, "before" that for which "vel" was flown before a command,
+"sticks" [us] are the pilot's channels 1 to 4 from the command on, "duration" is that of the flight. Names that begin
+with `json` flew on the body of the preset ardupilot_json, those that begin with `x` on ArduPilot's own
+(ardupilot_sitl_quad).
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ ERRORS = ("err_n", "err_e", "err_d", "err_vn", "err_ve", "err_vd", "err_roll", "
 HEIGHT = 10.0
 """Height of a take-off [m] unless the flight says another."""
 CLIMB, SETTLE, BEFORE = 25.0, 25.0, 8.0
-"""Time [s] of the take-off before a command, of the way to its beginning, and of the velocity flown before it, unless the
-flight says another."""
+"""Time [s] of the take-off before a command, of the way to its beginning, and of the velocity flown before it, unless
+the flight says another."""
 
 
 def kind_of(head: dict[str, Any]) -> str:

@@ -126,7 +126,7 @@ def write(path: Path, head: dict[str, Any], rows: NDArray[np.float64]) -> None:
 
 
 def errors(log: Log) -> NDArray[np.float64]:
-    """Rows of time [s] and the error of the estimate: position [m, NED], velocity [m/s, NED], Euler angles [degrees]."""
+    """Rows of time [s] and the errors of the estimate: position and velocity [m, m/s, NED], Euler angles [degrees]."""
     time = np.array([row[0] for row in log.rows["XKF1"]])
     motion = log.columns("XKF1", time, 9, 10, 11, 5, 6, 7) - log.columns("SIM2", time, 1, 2, 3, 4, 5, 6)
     angles = log.columns("XKF1", time, 2, 3) - log.columns("SIM", time, 1, 2)

@@ -189,7 +189,8 @@ _BODY_PARAMETERS = (
         "drag_by_axis",
         type=bool,
         start=False,
-        description="quadratic_drag acts on each axis by its own air speed, rotor_drag also along the rotor's, as in ArduPilot's SITL",
+        description="quadratic_drag acts by the air speed of each axis, rotor_drag also along the rotors' axis, as in "
+        "ArduPilot's simulation",
     ),
     Parameter(
         "rotational_damping",
