@@ -34,7 +34,7 @@ FAITHFUL = {
     "json_brake_8mps": 0.05,
     "json_fence_avoided": 0.05,
     "json_fence_brake": 0.1,
-    "json_mission_line": 0.2,
+    "json_mission_line": 0.35,
     "json_mission_spline": 0.12,
     "x_mission_spline_in_the_air": 0.15,
 }
