@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from cosim_master.system.authoring.swap import swap as swap
     from cosim_master.system.authoring.swarm.new import new_system as new_system
     from cosim_master.system.authoring.swarm.swarm import Swarm as Swarm
+    from cosim_master.system.authoring.terrain import terrain_values as terrain_values
     from cosim_master.system.flatten.check import check as check
     from cosim_master.system.flatten.flat import CheckedSystem as CheckedSystem
     from cosim_master.system.reading.read import read_system as read_system
@@ -94,6 +95,7 @@ _WHERE = {
     "simulate": "execution.simulate",
     "swap": "system.authoring.swap",
     "sweep": "campaigns.campaign",
+    "terrain_values": "system.authoring.terrain",
 }
 
 __all__ = [*_WHERE]

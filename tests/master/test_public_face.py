@@ -56,6 +56,7 @@ def test_these_names_and_no_others() -> None:
         "simulate",
         "swap",
         "sweep",
+        "terrain_values",
     ]
 
 

@@ -125,7 +125,7 @@ def test_without_a_mission_there_is_home_from_when_it_is_known(copter: Copter) -
     [
         (item(1, mavlink.MAV_CMD_NAV_PAYLOAD_PLACE, north=1.0), 3),
         (item(1, mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT, 0.0, 0.0, 0.0, float("nan"), north=1.0), 9),
-        (item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=1.0, frame=10), 2),
+        (item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=1.0, frame=8), 2),
         (item(1, mavlink.MAV_CMD_NAV_WAYPOINT, float("nan"), north=1.0), 6),
         (mavlink.MAVLink_mission_item_int_message(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, 900000001, 0, 1.0, 0), 10),
         (item(2, mavlink.MAV_CMD_NAV_WAYPOINT, north=1.0), 13),

@@ -86,7 +86,7 @@ def watch_tilt(m: Any, t: float) -> bool:
     m.slip_force[1] = fe + _GRAVITY * m.tilt_error[0]
     n, e = float(m.slip_error[0]), float(m.slip_error[1])
     ratio = math.sqrt(n * n + e * e) / _GATE
-    heard = m.SIM_GPS1_ENABLE != 0 and m.SIM_GPS1_JAM == 0
+    heard = m.SIM_GPS1_ENABLE != 0 and not m.gps_jammed
     used = 1.0 if heard and ratio < 1.0 else 0.0
     m.tilt_rate[0] = wn - used * _LEVELLING * e
     m.tilt_rate[1] = we + used * _LEVELLING * n

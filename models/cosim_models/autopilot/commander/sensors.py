@@ -76,11 +76,22 @@ def vibrates(m: Any) -> bool:
 
 
 @kernel
+def _is_jammed(m: Any, t: float) -> bool:
+    """Returns whether GPS is jammed, by its parameter or in the area of the jamming."""
+    if m.SIM_GPS1_JAM != 0:
+        return True
+    if m.gps_jamming_radius <= 0.0 or t < m.gps_jamming_start or t >= m.gps_jamming_stop:
+        return False
+    n, e = m.position[0] - m.gps_jamming_north, m.position[1] - m.gps_jamming_east
+    return bool(n * n + e * e <= m.gps_jamming_radius * m.gps_jamming_radius)
+
+
+@kernel
 def _is_on(m: Any) -> bool:
     """Returns whether a sensor or motor fails, or the estimate still has an error."""
     if (
         m.SIM_GPS1_ENABLE == 0
-        or m.SIM_GPS1_JAM != 0
+        or m.gps_jammed
         or m.SIM_ENGINE_FAIL != 0
         or m.SIM_BARO_DRIFT != 0.0
         or m.SIM_BARO_GLITCH != 0.0
@@ -133,7 +144,7 @@ def _watch_gps(m: Any, t: float) -> None:
             m.position_lost = True
         return
     m.velocity_ratio = 0.0
-    if m.SIM_GPS1_JAM != 0:
+    if m.gps_jammed:
         m.position_ratio = m.velocity_ratio = _NONSENSE
         m.error_rate[0] = m.error_rate[1] = 0.0
         if m.gps_rejected_at == _NEVER:
@@ -230,6 +241,7 @@ def _watch_tilt(m: Any, t: float) -> None:
 def watch_sensors(m: Any, t: float) -> None:
     """Updates the errors of the estimate; called ten times a second."""
     watch_wind(m)
+    m.gps_jammed = _is_jammed(m, t)
     was = m.sim_on
     m.sim_on = _is_on(m)
     if not m.sim_on:

@@ -1,8 +1,8 @@
 """Contents of messages that ground stations ask for: targets, further sensors, terrain, and summaries.
 
 Each kernel over the autopilot's record `m` appends one MAVLink packet; see `messages` for the others. The second and
-third sensors measure the same as the first. Terrain is a plane at the altitude of the local origin. The wind is the one
-given by EXTERNAL_WIND_ESTIMATE, since there is no estimate.
+third sensors measure the same as the first. The wind is the one given by EXTERNAL_WIND_ESTIMATE, since there is no
+estimate.
 
 Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common and GCS_MAVLink_Copter.
 """
@@ -12,7 +12,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import deg_e7, euler_from_quaternion, geodetic_from_local
+from cosim.frames import (
+    deg_e7,
+    euler_from_quaternion,
+    geodetic_from_local,
+    local_from_geodetic,
+    radians_from_deg_e7,
+)
 from cosim.kernel import kernel
 from cosim.messages import (
     ATTITUDE_QUATERNION,
@@ -51,6 +57,7 @@ from cosim_models.autopilot.link.links import can_answer, microseconds, millisec
 from cosim_models.autopilot.link.statustext import ERROR, LOG_DISARM, NO_NUMBER, say_here
 from cosim_models.autopilot.mavlink.sensor_messages import fill_pressure, fill_scaled_imu, pressure
 from cosim_models.autopilot.mavlink.status_messages import going
+from cosim_models.autopilot.mission.terrain import terrain_above_origin
 
 __all__ = ["answer_log_request", "send_requested", "send_terrain"]
 
@@ -65,7 +72,15 @@ _SENSED = 5.0  # HIGH_LATENCY2 carries speeds in 0.2 m/s
 @kernel
 def send_terrain(m: Any, lat: int, lon: int) -> bool:
     """Sends TERRAIN_REPORT for a place [degE7]."""
-    encode_terrain_report(m.payload, lat, lon, _SPACING, m.origin_altitude, m.position_neu[2], 0, 0)
+    n, e, _ = local_from_geodetic(
+        radians_from_deg_e7(lat), radians_from_deg_e7(lon), 0.0, m.origin_latitude, m.origin_longitude, 0.0
+    )
+    altitude = m.origin_altitude + terrain_above_origin(m, n, e)
+    p = m.position_neu
+    spacing = int(m.terrain_spacing) if m.terrain_spacing >= 1.0 else _SPACING
+    encode_terrain_report(
+        m.payload, lat, lon, min(spacing, 65535), altitude, p[2] - terrain_above_origin(m, p[0], p[1]), 0, 0
+    )
     return send(m, TERRAIN_REPORT)
 
 

@@ -1,8 +1,8 @@
 """Reception of targets: SET_POSITION_TARGET_*, SET_ATTITUDE_TARGET, DO_REPOSITION, mission items with current 2 or 3.
 
 Targets count in GUIDED only and are not answered, except DO_REPOSITION and mission items. A target beyond an enabled
-fence is refused, as ArduCopter refuses it. Heights above terrain are heights above a plane at the altitude of the
-local origin. Kernels over the autopilot's record `m`.
+fence is refused, as ArduCopter refuses it. Heights above terrain become heights above the terrain at the place. Kernels
+over the autopilot's record `m`.
 
 Sources: MAVLink common.xml; ArduPilot, GCS_MAVLink_Copter and ArduCopter mode_guided.
 """
@@ -45,6 +45,7 @@ from cosim_models.autopilot.flight.guided import (
 from cosim_models.autopilot.flight.yaw import turn_at, turn_by, turn_from
 from cosim_models.autopilot.link.statustext import FRAME_UNKNOWN, INFO, say
 from cosim_models.autopilot.mission.fences import permits
+from cosim_models.autopilot.mission.terrain import terrain_above_origin
 from cosim_models.autopilot.record.modes import GUIDED, GUIDED_NOGPS, POSITION
 
 __all__ = [
@@ -93,7 +94,7 @@ def locate(m: Any, lat: int, lon: int, altitude: float, reference: int) -> tuple
     if reference == _ABSOLUTE:
         return n, e, -d - m.origin_altitude
     if reference == _TERRAIN:
-        return n, e, -d
+        return n, e, terrain_above_origin(m, n, e) - d
     return n, e, m.home_neu[2] - d
 
 
@@ -246,7 +247,11 @@ def hear_guided_item(m: Any, current: int, frame: int, lat: float, lon: float, z
         n, e = m.desired_position_neu[0], m.desired_position_neu[1]
         if m.submode == POSITION:
             n, e = m.guided_position_neu[0], m.guided_position_neu[1]
-        u = z if reference == _TERRAIN else z - m.origin_altitude if reference == _ABSOLUTE else z + m.home_neu[2]
+        u = z + m.home_neu[2]
+        if reference == _TERRAIN:
+            u = z + terrain_above_origin(m, n, e)
+        elif reference == _ABSOLUTE:
+            u = z - m.origin_altitude
     else:
         if not (abs(lat) <= 9e8 and abs(lon) <= 1.8e9):
             return False

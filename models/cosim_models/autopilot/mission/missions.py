@@ -462,7 +462,7 @@ def _check_item(command: int, frame: int, values: Any, latitude: float, longitud
         known = known or command == _FLOWN[i]
     if not known:
         return MAV_MISSION_UNSUPPORTED
-    if _is_place(command) and frame not in (0, 2, 3, 5, 6):
+    if _is_place(command) and frame not in (0, 2, 3, 5, 6, 10, 11):
         return MAV_MISSION_UNSUPPORTED_FRAME
     if command != MAV_CMD_NAV_LAND:
         heading = command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_TAKEOFF)  # their param 4 may be missing

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from cosim import Parameter, Variable
 from cosim.verdict import Role
+from cosim_models.autopilot.mission.terrain import TERRAIN_POINTS
 
 __all__ = ["CRUMBS", "PARAMETERS", "STICK_CHANNELS"]
 
@@ -336,6 +337,11 @@ SENSOR_PARAMETERS = _rare(
     _whole("FS_VIBE_ENABLE", 1, "1: height control without the accelerometer when vibration spoils the estimate", 0, 1),
     _whole("SIM_GPS1_ENABLE", 1, "GPS: 0 gives no position", 0, 1),
     _whole("SIM_GPS1_JAM", 0, "GPS: 1 is jammed", 0, 1),
+    _real("gps_jamming_radius", "m", 0.0, "GPS: radius of an area in which it is jammed; 0: none", 0.0),
+    _real("gps_jamming_north", "m", 0.0, "GPS: centre of that area"),
+    _real("gps_jamming_east", "m", 0.0, "GPS: centre of that area"),
+    _real("gps_jamming_start", "s", 0.0, "GPS: beginning of the jamming there", 0.0),
+    _real("gps_jamming_stop", "s", 1e9, "GPS: end of the jamming there", 0.0),
     _signed("SIM_GPS1_GLTCH_X", "deg", 0.0, "GPS: error of the latitude in degrees", 90.0),
     _signed("SIM_GPS1_GLTCH_Y", "deg", 0.0, "GPS: error of the longitude in degrees", 90.0),
     _signed("SIM_GPS1_GLTCH_Z", "m", 0.0, "GPS: error of the altitude", 1e5),
@@ -369,6 +375,18 @@ SENSOR_PARAMETERS = _rare(
     _signed("SIM_WIND_T_COEF", "1/s", 0.01, "wind: speed over height, with SIM_WIND_T 2", 100.0),
     _whole("SIM_ENGINE_FAIL", 0, "failed motors, sum of 1, 2, 4, ... for the first, second, third, ...", 0, 255),
     _signed("SIM_ENGINE_MUL", "1", 0.0, "share of their commands that failed motors obey", 1.0),
+)
+
+TERRAIN_PARAMETERS = _rare(
+    _real("terrain_spacing", "m", 0.0, "distance of the points of the terrain's grid; 0: a plane", 0.0),
+    Parameter("terrain_origin", shape=2, unit="m", start=0.0, description="the grid's first point, north and east"),
+    Parameter(
+        "terrain",
+        shape=TERRAIN_POINTS * TERRAIN_POINTS,
+        unit="m",
+        start=0.0,
+        description=f"heights above the local origin: {TERRAIN_POINTS} points to the east, then the next row north",
+    ),
 )
 
 _PORTS = ((0, "by cable"), (1, "to ground stations by radio"), (2, "on board and to the swarm"))
@@ -434,6 +452,7 @@ PARAMETERS = tuple(
         SAFETY_PARAMETERS,
         BATTERY_PARAMETERS,
         SENSOR_PARAMETERS,
+        TERRAIN_PARAMETERS,
         MODE_PARAMETERS,
         ACROBATIC_PARAMETERS,
         PILOT_PARAMETERS,

@@ -282,6 +282,7 @@ MEMORY = (
     Memory("land_pause"),  # s until LAND descends
     # failing sensors
     Memory("sim_on", dtype="?"),
+    Memory("gps_jammed", dtype="?", rare=True),
     Memory("tilt_on", dtype="?", rare=True),  # accelerometer or gyro errs, or has left an error
     Memory("tilt_error", shape=2, rare=True),  # of the estimate about north and east, rad
     Memory("tilt_rate", shape=2, rare=True),

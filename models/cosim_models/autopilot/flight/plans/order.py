@@ -22,6 +22,7 @@ from cosim.messages import (
 )
 from cosim_models.autopilot.control.position import stopping_ne
 from cosim_models.autopilot.mission.missions import COMMAND, DONE, FRAME, LATITUDE, P1, P2, Z, mission_count
+from cosim_models.autopilot.mission.terrain import terrain_above_origin
 
 __all__ = [
     "following_command",
@@ -60,6 +61,8 @@ def place_from(m: Any, row: int, p: Any) -> tuple[float, float, float]:
         )
     if r[FRAME] == 0.0 or r[FRAME] == 5.0:
         u = r[Z] - m.origin_altitude
+    elif r[FRAME] == 10.0 or r[FRAME] == 11.0:
+        u = r[Z] + terrain_above_origin(m, n, e)
     elif r[Z] != 0.0 or r[COMMAND] == MAV_CMD_NAV_WAYPOINT:
         u = r[Z] + m.home_neu[2]
     return n, e, u
