@@ -227,6 +227,12 @@ _MEMORY = (
     Memory("ground_damper"),  # of one contact, N s/m
     Memory("surface"),  # down coordinate of the ground, m
     Memory("thrust_now"),  # thrust over speed squared in the surroundings, N s2/rad2
+    Memory("wind_before", shape=3),  # m/s, that of the step before
+    Memory("added_wind_before", shape=3),  # m/s
+    Memory("force_before", shape=3),  # N
+    Memory("motion_before", shape=13),  # position, velocity, angular velocity, attitude at the end of the step before
+    Memory("kept_acceleration", shape=3),  # at the end of the step before, m/s2, NED
+    Memory("kept_turning", shape=3),  # angular acceleration at the end of the step before, rad/s2, FRD
     Memory("is_pushed", dtype="?"),  # whether the force of the surroundings is not zero
     Memory("is_blown", dtype="?"),  # whether there is added wind
     Memory("vanishing"),  # 1 / axial_speed_limit, s/m

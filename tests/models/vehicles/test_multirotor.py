@@ -639,3 +639,22 @@ def test_interpreted_kernels_give_the_same_numbers(tmp_path: Path) -> None:
 
 if __name__ == "__main__":
     np.save(sys.argv[1], histories())
+
+
+@pytest.mark.parametrize("start", [-0.0, -3.0])
+@pytest.mark.parametrize("inertia", [0.0, 2e-5])
+def test_accelerations_kept_from_the_step_before_change_no_bit(start: float, inertia: float) -> None:
+    """Beside a vehicle that always forgets them: take-off, wind and force that come and go, fall to the ground."""
+    keeps, forgets = (vehicle(down=start, rotor_inertia=inertia, linear_drag=0.1) for _ in range(2))
+    for k in range(600):
+        for m in (keeps, forgets):
+            m.motor[:4] = (0.72, 0.71, 0.72, 0.715) if k < 200 else 0.2
+            m.wind[0] = 3.0 if 50 <= k < 60 else math.sin(0.1 * k) if 300 <= k < 400 else 0.0
+            m.added_wind[1] = -2.0 if 70 <= k < 80 else 0.0
+            m.force[1] = 1.5 if 100 <= k < 120 else 0.0
+            m.thrust_factor = 1.02 if 150 <= k < 160 else 1.0
+        forgets.motion_before[:] = math.nan
+        for m in (keeps, forgets):
+            assert kernels(Quadrotor)[1](m, k * H, H) == 0
+        assert keeps.tobytes() == forgets.tobytes(), k
+    assert start == -3.0 or keeps.on_ground

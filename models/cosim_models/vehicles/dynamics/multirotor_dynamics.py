@@ -6,7 +6,7 @@ sub-steps of at most `substep`. Frames: NED for position, velocity and wind, FRD
 
 from __future__ import annotations
 
-from math import ceil, cos, isfinite, sin, sqrt
+from math import ceil, copysign, cos, isfinite, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -116,6 +116,13 @@ def _spin(m: Any, stage: int) -> tuple[float, float]:
 
 
 @kernel
+def _depth(m: Any, i: int, position: Vector, r: Matrix) -> float:
+    """Returns the depth of contact point `i` below the surface [m]."""
+    c = load(m.contact[i])
+    return float(position[2] + (r[6] * c[0] + r[7] * c[1] + r[8] * c[2]) - m.surface)
+
+
+@kernel
 def _contact_motion(
     m: Any, i: int, position: Vector, velocity: Vector, r: Matrix, rates: Vector
 ) -> tuple[Vector, Vector, Vector]:
@@ -132,6 +139,8 @@ def _ground_forces(m: Any, position: Vector, velocity: Vector, r: Matrix, rates:
     fn = fe = fd = 0.0
     tn = te = td = 0.0
     for i in range(_FEET + m.rotor_count):
+        if _depth(m, i, position, r) <= 0.0:
+            continue  # there is no force
         arm, point, v = _contact_motion(m, i, position, velocity, r, rates)
         depth = point[2] - m.surface
         sn, se = point[0] - m.anchor[i, 0], point[1] - m.anchor[i, 1]
@@ -192,11 +201,55 @@ def _aim(m: Any) -> None:
 
 
 @kernel
-def _meet_surroundings(m: Any) -> None:
-    """Reads the inputs by which the surroundings act: their force, and their effect on the thrust."""
-    m.thrust_now = m.thrust_constant * m.thrust_factor
-    m.is_pushed = m.force[0] != 0.0 or m.force[1] != 0.0 or m.force[2] != 0.0
-    m.is_blown = m.added_wind[0] != 0.0 or m.added_wind[1] != 0.0 or m.added_wind[2] != 0.0
+def _same(a: float, b: float) -> bool:
+    """Returns whether two numbers are the same, in the sign of zero as well."""
+    return a == b and copysign(1.0, a) == copysign(1.0, b)
+
+
+@kernel
+def _meet_surroundings(m: Any) -> bool:
+    """Reads the inputs by which the surroundings act; returns whether they are those of the step before."""
+    thrust = m.thrust_constant * m.thrust_factor
+    same = _same(thrust, m.thrust_now)
+    for i in range(3):
+        same = same and _same(m.wind[i], m.wind_before[i]) and _same(m.added_wind[i], m.added_wind_before[i])
+        same = same and _same(m.force[i], m.force_before[i])
+    if not same:
+        m.thrust_now = thrust
+        for i in range(3):
+            m.wind_before[i] = m.wind[i]
+            m.added_wind_before[i] = m.added_wind[i]
+            m.force_before[i] = m.force[i]
+        m.is_pushed = m.force[0] != 0.0 or m.force[1] != 0.0 or m.force[2] != 0.0
+        m.is_blown = m.added_wind[0] != 0.0 or m.added_wind[1] != 0.0 or m.added_wind[2] != 0.0
+    return bool(same)
+
+
+@kernel
+def _is_kept(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: Vector) -> bool:
+    """Returns whether `_publish` has computed the accelerations of this motion and of these rotor speeds."""
+    before = m.motion_before
+    same = before[9] == q[0] and before[10] == q[1] and before[11] == q[2] and before[12] == q[3]
+    for i in range(3):
+        same = same and before[i] == position[i] and before[3 + i] == velocity[i] and before[6 + i] == rates[i]
+    for i in range(m.rotor_count):
+        same = same and m.stage_speed[_END, i] == m.rotor_speed[i]
+    return bool(same and m.rotor_inertia <= 0.0)
+
+
+@kernel
+def _first_accelerations(
+    m: Any, kept: bool, position: Vector, velocity: Vector, q: Quaternion, rates: Vector
+) -> tuple[Vector, Vector]:
+    """Returns acceleration and angular acceleration at the begin of a sub-step.
+
+    In most steps, `_publish` has computed them at the end of the step before (`kept`): motion, rotor speeds and
+    surroundings are the same. Not so with inertia of the rotors, whose rate of change depends on the new commands.
+    """
+    if kept:
+        return load(m.kept_acceleration), load(m.kept_turning)
+    acceleration, turning, _ = _accelerations(m, int(np.int64(_BEGIN)), position, velocity, q, rates)
+    return acceleration, turning
 
 
 @kernel
@@ -245,12 +298,14 @@ def _slew(m: Any) -> None:
 
 
 @kernel
-def _rk4(m: Any, h: float, p: Vector, v: Vector, q: Quaternion, w: Vector) -> tuple[Vector, Vector, Quaternion, Vector]:
+def _rk4(
+    m: Any, h: float, kept: bool, p: Vector, v: Vector, q: Quaternion, w: Vector
+) -> tuple[Vector, Vector, Quaternion, Vector]:
     """Performs one step of the classical Runge-Kutta method; the rotor speeds are already computed."""
     half, sixth = 0.5 * h, h / 6.0
-    begin = int(np.int64(_BEGIN))  # not literals, because numba would recompile the forces for each
-    middle, end = begin + 1, begin + 2
-    a1, b1, _ = _accelerations(m, begin, p, v, q, w)
+    middle = int(np.int64(_MIDDLE))  # not a literal, because numba would recompile the forces for each
+    end = middle + 1
+    a1, b1 = _first_accelerations(m, kept, p, v, q, w)
     c1 = derivative(q, w)
     v2, q2, w2 = along(v, half, a1), along4(q, half, c1), along(w, half, b1)
     a2, b2, _ = _accelerations(m, middle, along(p, half, v), v2, q2, w2)
@@ -287,6 +342,11 @@ def _slip(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: Vect
         return
     r = rotation_matrix(q)
     for i in range(_FEET + m.rotor_count):
+        if _depth(m, i, position, r) <= 0.0:
+            arm = from_body(r, load(m.contact[i]))
+            m.anchor[i, 0] = position[0] + arm[0]
+            m.anchor[i, 1] = position[1] + arm[1]
+            continue
         _, point, v = _contact_motion(m, i, position, velocity, r, rates)
         depth = point[2] - m.surface
         sn, se = point[0] - m.anchor[i, 0], point[1] - m.anchor[i, 1]
@@ -343,13 +403,19 @@ def _stand(m: Any) -> None:
 @kernel
 def _publish(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: Vector) -> None:
     """Writes the motion and the quantities derived from it to the outputs."""
-    _, _, specific = _accelerations(m, int(np.int64(_END)), position, velocity, q, rates)
+    acceleration, turning, specific = _accelerations(m, int(np.int64(_END)), position, velocity, q, rates)
     for i in range(3):
+        m.kept_acceleration[i] = acceleration[i]
+        m.kept_turning[i] = turning[i]
+        m.motion_before[i] = position[i]
+        m.motion_before[3 + i] = velocity[i]
+        m.motion_before[6 + i] = rates[i]
         m.position[i] = position[i]
         m.velocity[i] = velocity[i]
         m.angular_velocity[i] = rates[i]
         m.specific_force[i] = specific[i]
     for i in range(4):
+        m.motion_before[9 + i] = q[i]
         m.attitude[i] = q[i]
 
 
@@ -382,12 +448,14 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     steps = max(ceil(h / m.substep - 1e-6), 1)
     part = h / steps
     _aim(m)
-    _meet_surroundings(m)
+    kept = _meet_surroundings(m)
     position, velocity = load(m.position), load(m.velocity)
     q, rates = load4(m.attitude), load(m.angular_velocity)
+    kept = kept and _is_kept(m, position, velocity, q, rates)
     for _ in range(steps):
         _turn_rotors(m, part)
-        position, velocity, q, rates = _rk4(m, part, position, velocity, q, rates)
+        position, velocity, q, rates = _rk4(m, part, kept, position, velocity, q, rates)
+        kept = False
         _slip(m, position, velocity, q, rates)
     total = position[0] + position[1] + position[2] + velocity[0] + velocity[1] + velocity[2] + q[0] + rates[0]
     if not isfinite(total):
