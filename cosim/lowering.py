@@ -22,6 +22,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -171,16 +172,18 @@ def link(libraries: Sequence[Any]) -> Any:
 
 
 _FUNCTION = re.compile(r"^define .*?^\}$", re.MULTILINE | re.DOTALL)
+_NUMBER = re.compile(r"\.[0-9]+$")
 
 
 def _in_order(module: Any, places: Mapping[str, int]) -> Any:
-    """Returns a module with its functions in the order of `places`."""
-    order = [places[function.name] for function in module.functions if not function.is_declaration]
+    """Returns a module with its functions in the order of `places`; LLVM numbers internal ones of the same name."""
+    names = [function.name for function in module.functions if not function.is_declaration]
+    order = [places[name] if name in places else places[_NUMBER.sub("", name)] for name in names]
     if order == sorted(order):
         return module
     text = str(module)
     functions = _FUNCTION.findall(text)
-    following = iter([function for _, function in sorted(zip(order, functions, strict=True))])
+    following = iter([function for _, function in sorted(zip(order, functions, strict=True), key=itemgetter(0))])
     return llvm.parse_assembly(_FUNCTION.sub(lambda _: next(following), text))
 
 

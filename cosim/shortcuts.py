@@ -6,6 +6,8 @@ variables are alive after each of its passes, although only the last result is u
 
 from __future__ import annotations
 
+from functools import wraps
+from inspect import unwrap
 from typing import Any
 
 from numba.core import ir, postproc, transforms
@@ -16,10 +18,11 @@ __all__ = ["use"]
 
 # ---- types of calls --------------------------------------------------------------------------------------------------
 
-_get_call_type: Any = BaseFunction.get_call_type
+_get_call_type: Any = unwrap(BaseFunction.get_call_type)  # numba's own, also in a second copy of this module
 _call_types: dict[tuple[Any, ...], tuple[Any, Any]] = {}
 
 
+@wraps(_get_call_type)
 def _known_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     """Returns the signature for arguments of these types: that of before, if the function was called with them.
 
@@ -37,6 +40,7 @@ def _known_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
 # ---- variables -------------------------------------------------------------------------------------------------------
 
 
+@wraps(unwrap(ir.Inst._rec_list_vars))
 def _list_variables(_: Any, value: Any) -> list[Any]:
     """Returns the variables in a value of numba's IR, in numba's order."""
     found: list[Any] = []
@@ -62,9 +66,10 @@ def _collect(value: Any, found: list[Any]) -> None:
             _collect(one, found)
 
 
-_run_postprocessor = postproc.PostProcessor.run
+_run_postprocessor = unwrap(postproc.PostProcessor.run)
 
 
+@wraps(_run_postprocessor)
 def _postprocess(self: Any, emit_dels: bool = False, **options: Any) -> None:
     """Leaves the lifetimes of variables to those who ask for them, unless `del` instructions are to be made of them."""
     function = self.func_ir

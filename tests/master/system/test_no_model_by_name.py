@@ -72,6 +72,7 @@ ANYWHERE = {
     "speedup": "a word",
     "state": "of an FMU",
     "substep": "of a solver",
+    "terrain": "a word",
     "timeout": "a word",
     "trigger": "a word",
     "velocity": "a word",
@@ -125,6 +126,7 @@ IN_FILES = {
     },
 }
 """Words that once meant a model's variable, where they mean something else, and what."""
+_TERRAIN = "a parameter that models with a terrain share, whose values users set"
 EXAMPLES = "an example in a help text, for people who type it"
 JUSTIFIED = {
     ("epsilon", "cli/verbs/run.py"): EXAMPLES,
@@ -145,6 +147,8 @@ JUSTIFIED = {
     ("mavlink_tx", "stepping/kernels/macro_step.py"): "the diagram of a macro step, as in ARCHITECTURE.md",
     ("mavlink_rx", "stepping/kernels/tables.py"): "a comment with the name that packet inputs usually have",
     ("step_timeout", "cli/verbs/run.py"): "an option, the limit of a step in a process of its own",
+    ("terrain_origin", "system/authoring/terrain.py"): _TERRAIN,
+    ("terrain_spacing", "system/authoring/terrain.py"): _TERRAIN,
     ("on_ground", "verdict/watching/watch.py"): "an attribute of the watch's own class",
 }
 """Names that are made for models, by the file that may have them, and why."""

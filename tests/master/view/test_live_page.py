@@ -123,7 +123,7 @@ def test_sliders_set_values(browser: Any, fmus: Path, tmp_path: Path) -> None:
         tab.page.locator("#tabs button[data-name=values]").click()
         tab.ask("cosim.select('drone3')")
         tab.wait("document.querySelectorAll('.parameter').length === 40")
-        tab.page.locator("#parameter").fill("drone3.vehicle wind")
+        tab.page.locator("#parameter").fill("drone3 vehicle.wind")
         tab.wait("document.querySelectorAll('.parameter').length === 3")
         one = tab.page.locator('.parameter[data-name="drone3.vehicle.wind[1]"]')
         slider, field = one.locator("input[type=range]"), one.locator("input[type=text]")

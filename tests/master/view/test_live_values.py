@@ -35,7 +35,7 @@ def test_those_that_at_can_change_are_found(line5: CheckedSystem) -> None:
     parameters = Parameters(line5, Control())
     found = parameters.find("DRONE3 wind north")
     assert found["of"] == 0 and found["refusal"] == ""
-    found = parameters.find("drone3.vehicle wind[2]")
+    found = parameters.find("drone3 VEHICLE.wind[2]")
     assert [one["name"] for one in found["list"]] == ["drone3.vehicle.wind[2]"]
     (one,) = found["list"]
     assert (one["type"], one["unit"], one["value"], one["start"]) == ("Real", "m/s", 3.0, 3.0)

@@ -40,7 +40,7 @@ def terrain_values(
         source: a file such as N47E008.hgt, or a folder with such files.
         latitude, longitude: the local origin [rad].
         spacing: distance between points of the grid [m].
-        points: points of the grid in each direction: 16 for `Autopilot`, 8 for `Airspace`.
+        points: points of the grid in each direction, as many as the model has.
 
     Raises:
         SystemDescriptionError: a file is missing, is not one of this format, or has no height at a place.

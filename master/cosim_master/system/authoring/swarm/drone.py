@@ -184,27 +184,46 @@ def _connector(variable: Variable, name: str) -> Connector:
 def exchanged(drone: Drone, parts: Mapping[str, FmuDescription]) -> Drone:
     """Returns the drone with other FMUs in some parts.
 
-    Existing connections are kept. Other ports of a new part are connected by name. A part that the drone does not have
-    yet is added.
+    Existing connections are kept, except those between two optional ports, one of which a new part lacks. Other ports
+    of a new part are connected by name. A part that the drone does not have yet is added.
 
     Raises:
         SystemDescriptionError: several parts have an output for the same input.
     """
     fmus = {**drone.fmus, **parts}
+    lost = {end for one in drone.system.connections if _needless(one, drone.fmus, parts) for end in _ends(one)}
+    kept = [one for one in drone.system.connections if not lost.issuperset(_ends(one))]
     elements = [
-        replace(one, source=parts[one.name].path) if isinstance(one, Component) and one.name in parts else one
+        replace(one, connectors=tuple(c for c in one.connectors if (one.name, c.name) not in lost))
         for one in drone.system.elements
     ]
+    elements = [
+        replace(one, source=parts[one.name].path) if isinstance(one, Component) and one.name in parts else one
+        for one in elements
+    ]
     elements += [component(part, fmu, ()) for part, fmu in parts.items() if part not in drone.fmus]
-    driven = {(one.end_element, one.end_connector) for one in drone.system.connections}
-    driven |= {(one.start_element, one.start_connector) for one in drone.system.connections}
+    driven = {end for one in kept for end in _ends(one)}
     wires = _unambiguous(
         [wire for wire in _wires(fmus) if (wire[1], wire[2]) not in driven and (wire[0] in parts or wire[1] in parts)]
     )
     made = tuple(Connection(source, name, target, name, _HERE) for source, target, name in wires)
-    system = replace(drone.system, elements=tuple(elements), connections=(*drone.system.connections, *made))
+    system = replace(drone.system, elements=tuple(elements), connections=(*kept, *made))
     ends = [(end, name) for source, target, name in wires for end in (source, target)]
     return Drone(_with_connectors(system, fmus, ends), fmus)
+
+
+def _ends(one: Connection) -> tuple[tuple[str | None, str], tuple[str | None, str]]:
+    return (one.start_element, one.start_connector), (one.end_element, one.end_connector)
+
+
+def _needless(one: Connection, fmus: Mapping[str, FmuDescription], parts: Mapping[str, FmuDescription]) -> bool:
+    """Returns whether both ends of a connection are optional, and one is at a new part that lacks it."""
+    ends = [(part, port) for part, port in _ends(one) if part is not None and part in fmus]
+    return (
+        len(ends) == 2
+        and all(fmus[part].verdicts.get(port.partition("[")[0]) is Role.OPTIONAL for part, port in ends)
+        and any(part in parts and port not in parts[part].variables for part, port in ends)
+    )
 
 
 def exposed(drone: Drone, ports: Sequence[tuple[str, str]]) -> Drone:
