@@ -369,13 +369,11 @@ def answered(data: bytes) -> tuple[int, threading.Thread]:
 
     def answer() -> None:
         connection, _ = listening.accept()
-        connection.sendall(data)
-        connection.shutdown(socket.SHUT_WR)
-        with suppress(OSError):
+        with listening, connection, suppress(OSError):  # the other side may be gone before each of these
+            connection.sendall(data)
+            connection.shutdown(socket.SHUT_WR)
             while connection.recv(1000):
                 pass
-        connection.close()
-        listening.close()
 
     thread = threading.Thread(target=answer, daemon=True)
     thread.start()
