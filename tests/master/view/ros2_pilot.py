@@ -56,6 +56,7 @@ class Pilot:
         self.speed = DataWriter(participant, topic("setpoint_velocity/cmd_vel", TWISTED), qos=qos)
         self.at = (math.nan, math.nan, math.nan)
         self.now, self.heading, self.mode, self.armed = 0.0, 0.0, -1, False
+        self.first = math.inf
 
     def look(self) -> None:
         time.sleep(0.02)
@@ -63,17 +64,18 @@ class Pilot:
             p, q = message.pose.position, message.pose.orientation
             self.at, self.heading = (p.x, p.y, p.z), 2.0 * math.atan2(q.z, q.w)
             self.now = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+            self.first = min(self.first, self.now)
         for message in self.packets.take(100):
             if message.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 payload = b"".join(word.to_bytes(8, "little") for word in message.payload64)
                 self.mode, self.armed = int.from_bytes(payload[:4], "little"), bool(payload[6] & 128)
 
     def until(self, done: Any, act: Any) -> None:
-        """Looks until `done`, and acts every half second of the run's time."""
+        """Looks until `done`, and acts every half second of the run's time from its first step on."""
         acted = -1.0
         while not done():
             self.look()
-            if self.now > 0.0 and not 0.0 <= self.now - acted < 0.5:
+            if self.now > self.first and not 0.0 <= self.now - acted < 0.5:
                 acted = self.now
                 act()
 
