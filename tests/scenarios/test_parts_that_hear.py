@@ -46,6 +46,8 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
         elif isinstance(content, Message) and content.given is not None:
             found["packets"] += int((content.given.packets["number"] >= 0).sum())
             found["values"] += content.given.reals.shape[1]
+            found["positions"] += content.given.at[..., 0].size
+            found["frames"] += len(content.given.steps)
             found["broken"] += content.given.broken
         send(self, to, message)
 
@@ -145,6 +147,77 @@ def test_outages_and_partitions_of_nodes_that_are_out_of_reach(fmus: Path, tmp_p
 
 def test_it_goes_on_from_a_checkpoint(lossy: tuple[Path, Flight], tmp_path: Path) -> None:
     system, whole = lossy
+    first = in_parts(system, tmp_path, [0, 0, 0, 1, 1, 1, 2, 2, 2], checkpoint_every=2.0)
+    in_parts(system, tmp_path, [1, 0, 0, 1, 0, 1, 0, 0, 1], origin=f"{first}@2", out=tmp_path / "again")
+    for file in ("signals.parquet", "packets.parquet"):
+        assert pq.read_table(tmp_path / "again" / file).equals(pq.read_table(whole.folder / file))
+
+
+# ---- the nearest nodes ----
+
+NEAREST = {
+    "in space": {"topology": "nearest", "neighbours": "2"},
+    "one, with signals": {"topology": "nearest", "neighbours": "1", "sensitivity": "-40", "rayleigh": "true"},
+    "on an axis": {"topology": "nearest", "neighbours": "1", "axis": "0.1 1 0"},
+    "within a range": {"topology": "nearest", "neighbours": "2", "axis": "0.1 1 0", "range": "15"},
+}
+
+
+@pytest.fixture(scope="module", params=list(NEAREST))
+def nearest(fmus: Path, tmp_path_factory: pytest.TempPathFactory, request: Any) -> tuple[Path, Flight]:
+    workshop = tmp_path_factory.mktemp("nearest")
+    system = swarm(workshop, fmus, **NEAREST[request.param], **LOSSY)
+    flight = fly(system, workshop / "out", until=UNTIL)
+    assert min(flight.result.packets["lost: channel"], flight.result.packets["delivered"]) > 20
+    return system, flight
+
+
+@settings(max_examples=4)
+@given(parts=st.lists(st.integers(0, 3), min_size=9, max_size=9).map(lambda p: [sorted({*p}).index(one) for one in p]))
+def test_any_assignment_of_a_swarm_of_nearest_nodes(
+    nearest: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory, parts: list[int]
+) -> None:
+    system, whole = nearest
+    same(whole.folder, in_parts(system, tmp_path_factory.mktemp("parts"), parts))
+
+
+@pytest.mark.parametrize("topology", [{"neighbours": "2"}, {"neighbours": "1", "axis": "0 1 0"}], ids=["space", "axis"])
+def test_parts_of_a_line_get_packets_and_positions_of_nodes_that_may_be_nearest(
+    fmus: Path, tmp_path: Path, sent: Counter[str], topology: dict[str, str]
+) -> None:
+    """Of twelve drones in four parts, those at both sides of the three borders matter elsewhere."""
+    fleet = {part: fleet_of(model) for part, model in POINTS.items()}
+    system = new_system("line", 12, tmp_path / "swarm", fmus=fmus, spacing=8.0, until=3.0, fleet=fleet)
+    plain = r'\1 topology="nearest" latency="0.02"/>'
+    change(system, lambda text: re.sub(r"(<network xmlns=\S+) .*</network>", plain, text, flags=re.DOTALL))
+    change(system, replaced(**topology))
+    whole = fly(system, tmp_path / "whole", until=3.0)
+    file = assigned(tmp_path / "parts.json", [f"drone{i}" for i in range(1, 13)], [n // 3 for n in range(12)])
+    result, errors = run_in_parts(system, RunOptions(out=tmp_path / "parts", until=3.0, assignment=file), 4)
+    assert (result.outcome, errors) == ("done", [])
+    same(whole.folder, tmp_path / "parts")
+    assert sent["values"] == 0
+    assert 0 < sent["positions"] < 0.6 * 3 * sent["frames"]  # of three drones to three parts
+    assert 0 < sent["packets"] < 0.6 * 3 * whole.result.packets["sent"]
+
+
+SOME = pytest.mark.parametrize("nearest", ["in space", "within a range"], indirect=True)
+
+
+@SOME
+def test_broken_promises_of_nearest_nodes_cost_messages_only(
+    nearest: tuple[Path, Flight], tmp_path: Path, sent: Counter[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hearing, "_FASTER", 0.0)
+    monkeypatch.setattr(hearing, "_FROM_REST", 0.0)
+    system, whole = nearest
+    same(whole.folder, in_parts(system, tmp_path, [0, 0, 0, 1, 1, 1, 2, 2, 2]))
+    assert sent["broken"] > 50
+
+
+@SOME
+def test_nearest_nodes_go_on_from_a_checkpoint(nearest: tuple[Path, Flight], tmp_path: Path) -> None:
+    system, whole = nearest
     first = in_parts(system, tmp_path, [0, 0, 0, 1, 1, 1, 2, 2, 2], checkpoint_every=2.0)
     in_parts(system, tmp_path, [1, 0, 0, 1, 0, 1, 0, 0, 1], origin=f"{first}@2", out=tmp_path / "again")
     for file in ("signals.parquet", "packets.parquet"):

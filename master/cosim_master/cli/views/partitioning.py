@@ -21,16 +21,18 @@ def partition_document(cut: Cut, ready: Prepared) -> dict[str, Any]:
     """Returns the JSON document of a cut; `bytes` are those of values per window, packets come on top."""
     from cosim_master.execution.partitions.cut import uses_positions
     from cosim_master.execution.partitions.hearing import carries_positions, reach_of
+    from cosim_master.execution.partitions.nearest import counts_nearest
     from cosim_master.stepping.layout import make_layout
 
     layout = make_layout(ready.checked, ready.network, ready.recording.signals, ready.master)
     window, carried, reach = ready.clock.seconds(cut.window), carries_positions(ready.network), reach_of(ready.network)
+    nearest = counts_nearest(ready.network)
     parts = []
     for part in range(cut.parts):
         instances = [i.name for i, p in zip(ready.checked.instances, cut.of_instance, strict=True) if p == part]
         nodes = [n.name for n, p in zip(ready.network.nodes, cut.of_node, strict=True) if p == part]
         reals, ints = cut.passed_on(part, layout, ready.network)
-        apart = len(reals) - (3 * len(nodes) if carried else 0)
+        apart = len(reals) - (3 * len(nodes) if carried or nearest else 0)
         passed = cut.window * (8 * apart + 4 * len(ints) + 8)
         parts.append({"part": part, "nodes": nodes, "instances": len(instances), "bytes": passed * (cut.parts - 1)})
     return {
@@ -44,6 +46,8 @@ def partition_document(cut: Cut, ready: Prepared) -> dict[str, Any]:
         "connections_cut": cut.connections,
         "positions": uses_positions(ready.network),
         "carried": carried,
+        "nearest": ready.network.neighbours if nearest else None,
+        "sides": nearest and ready.network.axis is not None,
         "reach_m": None if reach == math.inf else reach,
     }
 
@@ -74,6 +78,9 @@ def _radio(document: Mapping[str, Any]) -> str:
     if reach is not None:
         found = f"packets go to parts with nodes within {reach:.4g} m of their sender"
         found = found if links is None else f"{links} radio links; {found}"
+    elif document["nearest"] is not None:
+        each = " on each side" if document["sides"] else ""
+        return f"packets and positions go to parts with nodes that may be among the {document['nearest']} nearest{each}"
     elif links is None:
         found = "any node may hear any other: all packets go to all parts"
     else:

@@ -19,6 +19,7 @@ from pathlib import Path
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import matching
 from cosim_master.execution.partitions.hearing import reach_of
+from cosim_master.execution.partitions.nearest import counts_nearest
 from cosim_master.execution.partitions.nearness import cut_by_places, places_of
 from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.run.opening import Share
@@ -334,7 +335,7 @@ def _chosen(ready: Prepared, units: _Units, joined: Sequence[int], parts: int) -
     weight: dict[int, int] = dict.fromkeys(joined, 0)
     for u in units.of_instance:
         weight[joined[u]] += 1
-    if network.topology != "listed" and reach_of(network) < math.inf:
+    if counts_nearest(network) or (network.topology != "listed" and reach_of(network) < math.inf):
         places = places_of(ready.checked, [joined[u] for u in units.of_instance])
         if places:
             near = cut_by_places(weight, places, parts)

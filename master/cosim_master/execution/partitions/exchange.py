@@ -4,8 +4,8 @@ exchange.outgoing()          the packets of a window and the frames of values, f
 exchange.kept_from(part)     the packets that a part does not get because it cannot hear them, should it be wrong
 exchange.take(given)         routes the packets of all parts to the own nodes, and fills delayed connections
 
-Where the radio depends on positions, each packet carries that of its sender; only a topology of nearest nodes needs the
-positions of all nodes at all times.
+Where the radio depends on positions, each packet carries that of its sender; only a topology of nearest nodes needs
+those of other nodes, too: see `nearest`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ import numpy as np
 from cosim.kernel import table
 from cosim.packets import MAX_PACKET
 from cosim_master.execution.partitions.cut import Cut, uses_positions
-from cosim_master.execution.partitions.hearing import FAR, Promises, carries_positions, out_of_reach, reach_of
+from cosim_master.execution.partitions.hearing import FAR, NEAR, Promises, carries_positions, out_of_reach, reach_of
+from cosim_master.execution.partitions.nearest import Crowd, concerned, counts_nearest
 from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.state import RunState
 from cosim_master.network.radio.build import grown
@@ -33,6 +34,7 @@ from cosim_master.stepping.kernels.tables import BASE, PER_NS, START
 
 __all__ = ["Exchange", "Given"]
 
+_NOWHERE = np.zeros((0, 0, 3))
 _AT_ONCE = 1 << 16
 """Places in flight that are made ready for the packets replayed together."""
 
@@ -45,7 +47,8 @@ class Given:
         packets, data: POST and the bytes of the packets, as many columns as the longest has.
         places: the position of the sender of each packet, m; no columns if packets do not carry it.
         steps, reals, ints: the frames: base steps, and the values that the part passes on.
-        boxes: where its nodes are during the next two windows, see `hearing`; None: anywhere.
+        nodes, at: nodes whose positions the frames contain for another part, and these, (frames, nodes, 3) m.
+        crowd: where its nodes are during the next two windows, see `hearing`; None: anywhere.
         broken: in this window its nodes were not in such boxes, so that it needs the packets that are kept from it.
     """
 
@@ -55,7 +58,9 @@ class Given:
     steps: np.ndarray[Any, Any]
     reals: np.ndarray[Any, Any]
     ints: np.ndarray[Any, Any]
-    boxes: np.ndarray[Any, Any] | None = None
+    nodes: np.ndarray[Any, Any]
+    at: np.ndarray[Any, Any]
+    crowd: Crowd | None = None
     broken: bool = False
 
     def chosen(self, which: np.ndarray[Any, Any]) -> Given:
@@ -63,12 +68,12 @@ class Given:
         return replace(self, packets=self.packets[which], data=self.data[which], places=self.places[which])
 
     def with_packets(self, more: Given) -> Given:
-        """Returns the same with the packets of another one, too."""
+        """Returns the same with the packets of another one, too, and with its positions."""
         width = max(self.data.shape[1], more.data.shape[1])
         data = [np.pad(one.data, ((0, 0), (0, width - one.data.shape[1]))) for one in (self, more)]
         packets, places = ([getattr(self, n), getattr(more, n)] for n in ("packets", "places"))
         joined = np.concatenate(packets), np.concatenate(data), np.concatenate(places)
-        return replace(self, packets=joined[0], data=joined[1], places=joined[2])
+        return replace(self, packets=joined[0], data=joined[1], places=joined[2], nodes=more.nodes, at=more.at)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +83,12 @@ class _Window:
     Attributes:
         own: the part's own packets, all of them.
         beyond: (packets, parts) which of them are kept from which part, because it cannot hear them.
+        crowds: where the nodes of each part had promised to be; None if nobody had.
     """
 
     own: Given
     beyond: np.ndarray[Any, Any]
+    crowds: list[Crowd] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,11 +118,12 @@ class Exchange:
         self._own = owner == part
         self._of_node = np.array(cut.of_node, dtype=np.int64)
         self._hears = self._hearing_parts()
-        self._positions = np.full(max(3 * len(network.nodes), 1), FAR)
+        self._positions = np.full(max(3 * len(network.nodes), 3), FAR)
         self._nodes = [self._nodes_with_positions(p) for p in range(cut.parts)]
         self._carries, self._reach = carries_positions(network), reach_of(network)
-        self._promises = Promises(self._reach, cut.window)
-        self._boxes: list[np.ndarray[Any, Any] | None] = [None] * cut.parts
+        self._nearest = counts_nearest(network)
+        self._promises = Promises(NEAR if self._nearest else self._reach, cut.window)
+        self._crowds: list[Crowd | None] = [None] * cut.parts
         self._open: deque[_Window] = deque()
         self._delayed: dict[int, list[_Delayed]] = {}
         self._last: dict[int, tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]] = {}
@@ -154,32 +162,40 @@ class Exchange:
     def _passed_on(self, owner: int) -> tuple[list[int], list[int]]:
         """Returns the places of the values that a part gives to this one; of its own, all."""
         reals, ints = self._cut.passed_on(owner, self._state.layout, self._state.network)
-        hidden = 3 * len(self._nodes[owner]) if self._carries and owner != self._part else 0
+        hidden = 3 * len(self._nodes[owner]) if owner != self._part else 0
         return reals[hidden:], ints
 
     def _go_on(self, k: int) -> None:
         """Takes the values of all parts at a checkpoint as their latest frames."""
         plan = self._state.plan
         feed(plan, k, plan.feeds[:0])  # values that connections convert
+        for owner, nodes in enumerate(self._nodes):
+            reals, _ = self._cut.passed_on(owner, self._state.layout, self._state.network)
+            self._positions.reshape(-1, 3)[nodes] = plan.real_out[np.array(reals[: 3 * len(nodes)], int)].reshape(-1, 3)
         for owner in range(self._cut.parts):
             reals, ints = self._passed_on(owner)
             self._last[owner], self._reached[owner] = (plan.real_out[_row(reals)], plan.int_out[_row(ints)]), k
 
     # ---- giving ------------------------------------------------------------------------------------------------------
 
-    @property
-    def broken(self) -> bool:
-        """Whether packets of the oldest open window are missing here, since nodes were not where they had promised."""
-        return self._open[0].own.broken
+    def needs(self, part: int, broken: Sequence[int]) -> bool:
+        """Returns whether a part needs the packets of the oldest open window that were kept from it.
+
+        Args:
+            broken: the parts whose nodes were not where they had promised: who is near depends on the nodes of all.
+        """
+        return part in broken or (self._nearest and bool(broken))
 
     def outgoing(self) -> list[Given]:
         """Returns what the part gives to each part, including itself, and empties its outbox and frames."""
         own = self._own_window()
-        beyond = self._out_of_reach(own)
-        self._open.append(_Window(own, beyond))
+        crowds = [one for one in self._crowds if one is not None]
+        known = crowds if len(crowds) == self._cut.parts else None
+        near = concerned(self._state.network, known, self._part) if self._nearest and known is not None else None
+        beyond = self._not_near(own, near.heard) if near is not None else self._out_of_reach(own)
+        self._open.append(_Window(own, beyond, known))
         radio_only, news = own.packets["number"] >= 0, self._news(own.packets)
-        own_columns = 3 * len(self._nodes[self._part]) if self._carries else 0
-        shared = replace(own, reals=own.reals[:, own_columns:])
+        shared = replace(own, reals=own.reals[:, 3 * len(self._nodes[self._part]) :])
         given = []
         for part in range(self._cut.parts):
             kept = radio_only & self._hears[own.packets["endpoint"], part]
@@ -191,8 +207,24 @@ class Exchange:
             else:
                 one = shared.chosen(kept | heads)
                 one.packets["number"][heads[kept | heads]] = -1
-                given.append(one)
+                given.append(self._with_positions(one, own, None if near is None else near.seen[:, part]))
         return given
+
+    def _with_positions(self, given: Given, own: Given, seen: np.ndarray[Any, Any] | None = None) -> Given:
+        """Returns what is given with the positions of the own nodes in some boxes; None: of all."""
+        nodes, crowd = self._nodes[self._part], self._crowds[self._part]
+        if self._carries or not nodes.size:
+            return given
+        at = own.reals[:, : 3 * len(nodes)].reshape(len(own.reals), len(nodes), 3)
+        which = np.ones(len(nodes), dtype=bool) if seen is None or crowd is None else seen[crowd.group]
+        return replace(given, nodes=nodes[which], at=at[:, which])
+
+    def _not_near(self, own: Given, heard: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        """Returns the packets of whose senders no node of another part is near: (packets, parts)."""
+        crowd, nodes = self._crowds[self._part], self._nodes[self._part]
+        assert crowd is not None
+        senders = self._state.radio.endpoints["node"][own.packets["endpoint"]]
+        return np.asarray(~heard[crowd.group[np.searchsorted(nodes, senders)]])
 
     def _own_window(self) -> Given:
         """Returns everything that the part has sent in this window."""
@@ -204,16 +236,16 @@ class Exchange:
         data = np.array(radio.posted[:n, :width])
         steps, reals, ints = (np.array(one[:used]) for one in (frames.steps, frames.reals, frames.ints))
         radio.counters[POSTED], frames.counters[USED] = 0, 0
-        own = Given(packets, data, np.zeros((n, 0)), steps, reals, ints)
+        own = Given(packets, data, np.zeros((n, 0)), steps, reals, ints, self._nodes[self._part][:0], _NOWHERE)
         if self._carries and n:
             own = replace(own, places=self._places_of_senders(own))
-        if self._reach == np.inf:
+        if self._reach == np.inf and not self._nearest:
             return own
         known, at = self._known(own)
         if not len(at):
             return own
         broken = self._promises.broken(at[-len(steps) :] if len(steps) else at[-1:])
-        return replace(own, boxes=self._promises.make(known, at), broken=broken)
+        return replace(own, crowd=self._promises.make(known, at), broken=broken)
 
     def _known(self, own: Given) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
         """Returns base steps, and the own nodes' positions then: those of a window, and the last ones before it."""
@@ -240,9 +272,9 @@ class Exchange:
         if self._reach == np.inf or not len(own.packets):
             return np.zeros((len(own.packets), 0), dtype=bool)
         beyond = np.zeros((len(own.packets), self._cut.parts), dtype=bool)
-        for part, boxes in enumerate(self._boxes):
-            if part != self._part and boxes is not None:
-                beyond[:, part] = out_of_reach(self._reach, own.places, boxes)
+        for part, crowd in enumerate(self._crowds):
+            if part != self._part and crowd is not None:
+                beyond[:, part] = out_of_reach(self._reach, own.places, crowd.boxes)
         return beyond
 
     def _news(self, packets: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -260,16 +292,19 @@ class Exchange:
         if beyond.shape[1]:
             which = beyond[:, part] & (own.packets["number"] >= 0) & self._hears[own.packets["endpoint"], part]
             beyond[:, part] = False
-        return replace(own, steps=own.steps[:0], reals=own.reals[:0], ints=own.ints[:0]).chosen(which)
+        missing = replace(own, steps=own.steps[:0], reals=own.reals[:0], ints=own.ints[:0], crowd=None).chosen(which)
+        return self._with_positions(missing, own)
 
     # ---- taking ------------------------------------------------------------------------------------------------------
 
     def take(self, given: Sequence[Given]) -> None:
         """Takes what all parts have given for the oldest open window, in the order of parts."""
-        beyond = self._open.popleft().beyond
+        window = self._open.popleft()
+        beyond = window.beyond[:, :0] if self._nearest else window.beyond
+        self._place_hidden(window.crowds)
         for owner, one in enumerate(given):
             self._fill(owner, one)
-            self._boxes[owner] = one.boxes
+            self._crowds[owner] = one.crowd
         packets = np.concatenate([one.packets for one in given]) if given else np.zeros(0, dtype=POST)
         data = np.zeros((len(packets), MAX_PACKET), dtype=np.uint8)
         away = np.zeros((len(packets), beyond.shape[1]), dtype=np.uint8)
@@ -318,17 +353,29 @@ class Exchange:
             self._blocks.make_room(need, 0)
             replay(state.radio, self._positions, packets, data, self._of_node, away, first, last)
 
+    def _place_hidden(self, crowds: Sequence[Crowd] | None) -> None:
+        """Sets the positions of the nodes elsewhere to the middle of their boxes; frames replace those that matter."""
+        if not self._nearest or crowds is None:
+            return
+        for owner, (nodes, crowd) in enumerate(zip(self._nodes, crowds, strict=True)):
+            if owner != self._part and np.isfinite(crowd.boxes).all():
+                self._positions.reshape(-1, 3)[nodes] = crowd.middles
+
     def _place(self, given: Sequence[Given], time: int) -> None:
-        """Sets the positions of all nodes to those at a time, ns; if packets carry them, of the own ones only."""
+        """Sets the positions of nodes to those at a time, ns; if packets carry them, of the own ones only."""
+        positions = self._positions.reshape(-1, 3)
         if self._carries:
-            self._positions[:] = FAR
-        for owner, (nodes, one) in enumerate(zip(self._nodes, given, strict=True)):
-            if nodes.size and (owner == self._part or not self._carries):
-                row = int(np.searchsorted(self._times(one.steps), time, side="right")) - 1
+            positions[:] = FAR
+        for owner, one in enumerate(given):
+            nodes = self._nodes[owner] if owner == self._part else one.nodes
+            if not nodes.size:
+                continue
+            row = int(np.searchsorted(self._times(one.steps), time, side="right")) - 1
+            if owner != self._part and row >= 0:
+                positions[nodes] = one.at[row]
+            elif owner == self._part:
                 values = one.reals[row] if row >= 0 else self._last[owner][0][0]  # a part that has failed has no frames
-                at = values[: 3 * nodes.size].reshape(-1, 3)
-                for axis in range(3):
-                    self._positions[3 * nodes + axis] = at[:, axis]
+                positions[nodes] = values[: 3 * nodes.size].reshape(-1, 3)
 
     def _times(self, steps: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         counters = self._state.plan.counters

@@ -19,14 +19,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim_master.execution.partitions.nearest import Crowd
 from cosim_master.system.settings.network import Network
 
-__all__ = ["FAR", "Promise", "Promises", "carries_positions", "out_of_reach", "reach_of"]
+__all__ = ["FAR", "NEAR", "Promise", "Promises", "carries_positions", "out_of_reach", "reach_of"]
 
 _Array = NDArray[np.float64]
 
 FAR = 1e30
 """The coordinates, m, of nodes that are out of reach: no reach is a tenth of it."""
+NEAR = 10.0
+"""A reach, m, for the promises of nodes of which the nearest hear each other."""
 _SAFE = 1.0 + 1e-9
 """Rounding makes distances and signals differ by less than this factor."""
 _DEVIATIONS = math.sqrt(2.0 * 53.0 * math.log(2.0))
@@ -112,8 +115,8 @@ class Promises:
         """Returns whether nodes were elsewhere than promised in a window; (instants, nodes, 3), m."""
         return not all(one.kept(positions) for one in self._made)
 
-    def make(self, steps: NDArray[np.int64], positions: _Array) -> _Array:
-        """Returns boxes, (boxes, 2, 3) m, for the two windows after these instants.
+    def make(self, steps: NDArray[np.int64], positions: _Array) -> Crowd:
+        """Returns where the nodes are during the two windows after these instants.
 
         Args:
             steps: the base steps of some instants, the end of the window last.
@@ -129,7 +132,7 @@ class Promises:
             self._count += 1
             boxes = _boxes(now, self._group, self._margin(steps, positions))
         self._made = [*self._made[-1:], Promise(boxes, self._group)]
-        return boxes
+        return Crowd(boxes, self._group.astype(np.int8))
 
     def _margin(self, steps: NDArray[np.int64], positions: _Array) -> float:
         speed = 0.0

@@ -299,14 +299,16 @@ class PartExecution(Execution):
                 self._open.clear()
                 return
             given[other] = message.given
-            if message.given is not None and message.given.broken:
-                self.transport.send(other, pickle.dumps(self._exchange.kept_from(other), protocol=5))
             requests = message.requests or requests
             self._last_window = self._last_window or message.ending
             if message.report is not None:
                 self.reported(other, message.report)
         self._open.pop(0)
-        if self._exchange.broken:
+        broken = [p for p, one in enumerate(given) if one is not None and one.broken]
+        for other in self._others:
+            if self._exchange.needs(other, broken):
+                self.transport.send(other, pickle.dumps(self._exchange.kept_from(other), protocol=5))
+        if self._exchange.needs(self.part, broken):
             given = [one if p == self.part else self._with_missing(p, one) for p, one in enumerate(given)]
         self._exchange.take([one for one in given if one is not None])
         self._replayed = end

@@ -58,7 +58,7 @@ from cosim_master.network.radio.tables import (
     WAITING,
     Radio,
 )
-from cosim_master.network.radio.topology import copies, find_hearers
+from cosim_master.network.radio.topology import copies, find_hearers, missing_before
 
 __all__ = ["addressed", "by_radio", "serve_medium", "transmit"]
 
@@ -147,6 +147,7 @@ def transmit(
     """
     s, n = r.settings[0], r.endpoints[e].node
     hearers = find_hearers(r, reals, n)
+    first = r.counters[TURN] + 1 + (missing_before(r, n) if r.outbox.size > 0 else 0)
     taken = False
     for i in range(hearers):
         other = r.hearers[i]
@@ -155,7 +156,7 @@ def transmit(
         if not taken and s.medium in (OWN, SHARED):
             t = departure(r, t, n, stop - start)
         taken = True
-        r.counters[TURN] += 1
+        r.counters[TURN] = first + i
         if r.nodes[other].elsewhere == 1:
             continue
         if t < 0:

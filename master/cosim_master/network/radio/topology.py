@@ -9,7 +9,7 @@ from cosim.kernel import kernel
 from cosim_master.network.radio.link.effects import distance2
 from cosim_master.network.radio.tables import LISTED, NEAREST, NEAREST_ON_AXIS, Radio
 
-__all__ = ["find_hearers", "copies", "sort_along"]
+__all__ = ["copies", "find_hearers", "missing_before", "sort_along"]
 
 
 @kernel
@@ -87,6 +87,17 @@ def find_hearers(r: Radio, reals: NDArray[np.float64], n: int) -> int:
                 r.hearers[found] = other
                 found += 1
     return found
+
+
+@kernel
+def missing_before(r: Radio, n: int) -> int:
+    """Returns the places before the first hearer of node `n` that are empty, since `n` is near an end of the axis.
+
+    With them, the place of a hearer among `hearers` follows from the nodes between it and `n` alone.
+    """
+    if r.settings[0].topology != NEAREST_ON_AXIS:
+        return 0
+    return int(max(0, r.settings[0].per_side - _rank(r, n)))
 
 
 @kernel

@@ -60,7 +60,7 @@ places = st.lists(st.tuples(*[st.floats(-100.0, 100.0)] * 3), min_size=1, max_si
 @given(senders=places, nodes=places, reach=st.floats(0.1, 100.0))
 def test_what_is_out_of_reach_of_boxes_hears_nothing(senders: Any, nodes: Any, reach: float) -> None:
     promises = Promises(reach, 4)
-    beyond = out_of_reach(reach, senders, promises.make(np.array([0]), nodes[None]))
+    beyond = out_of_reach(reach, senders, promises.make(np.array([0]), nodes[None]).boxes)
     distances = np.linalg.norm(senders[:, None] - nodes[None], axis=2).min(axis=1)
     assert (distances[beyond] > reach).all()
     if len(nodes) <= 8:  # a box for each, wider by a hundredth of the reach on all sides
@@ -74,7 +74,7 @@ def test_places_and_boxes_without_end() -> None:
     assert out_of_reach(5.0, wrong, boxes[:0]).tolist() == [False, False, True]  # a part without nodes
     promises = Promises(5.0, 4)
     everywhere = promises.make(np.array([0]), np.array([[[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0]]]))
-    assert not out_of_reach(5.0, wrong, everywhere).any()
+    assert not out_of_reach(5.0, wrong, everywhere.boxes).any()
 
 
 def test_steady_nodes_keep_their_promises_and_nodes_that_jump_break_them() -> None:
