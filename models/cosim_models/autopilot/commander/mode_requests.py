@@ -46,6 +46,7 @@ from cosim_models.autopilot.link.statustext import (
     AUTO_RTL_END,
     AUTO_RTL_NOT_ARMABLE,
     AUTO_RTL_START,
+    AUTOTUNE_NOT_ARMABLE,
     AUTOTUNE_REFUSED,
     AVOID_NOT_ARMABLE,
     AVOID_REFUSED,
@@ -178,6 +179,7 @@ _NOT_ARMABLE = np.array(
         (CIRCLE, CIRCLE_NOT_ARMABLE),
         (AVOID_ADSB, AVOID_NOT_ARMABLE),
         (FLIP, FLIP_NOT_ARMABLE),
+        (AUTOTUNE, AUTOTUNE_NOT_ARMABLE),
         (SMART_RTL, SMART_RTL_NOT_ARMABLE),
     ),
     dtype=np.int64,
@@ -287,7 +289,7 @@ def change_mode(m: Any, mode: int, t: float) -> int:
     """Changes to a mode given by ArduCopter's number; returns a MAV_RESULT."""
     if mode == m.mode and not (mode == AUTO and m.auto_rtl):
         return MAV_RESULT_ACCEPTED
-    if mode in (AUTOTUNE, FLOWHOLD, FOLLOW, SYSTEMID, TURTLE):
+    if mode in (FLOWHOLD, FOLLOW, SYSTEMID, TURTLE):
         return _refuse_mode(m, mode, False)
     if not _is_mode(mode):
         say(m, WARNING, NO_SUCH_MODE, mode)

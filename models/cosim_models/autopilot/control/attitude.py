@@ -26,16 +26,20 @@ from cosim_models.autopilot.control.shaping import (
 
 __all__ = [
     "attitude_from_thrust",
+    "demand_rates",
+    "face",
     "follow_attitude",
     "follow_heading",
     "follow_rates",
     "follow_yaw_rate",
     "forget_torques",
+    "hold_target",
     "lean_to",
     "relax_attitude",
     "relax_yaw",
     "run_rates",
     "shape_angle",
+    "step_target",
     "tilt_and_heading_error",
 ]
 
@@ -160,7 +164,7 @@ def follow_heading(m: Any, n: float, e: float, d: float, heading: float, heading
     ff = clip(heading_rate, -slew, slew)
     w = m.rate_target
     w[2] = _towards_angle(error, m.ATC_INPUT_TC, m.ATC_ACCEL_Y_MAX * _CDEG, w[2], ff, slew, dt)
-    _follow_target(m, dt)
+    _follow_target(m, False, dt)
 
 
 @kernel
@@ -173,7 +177,7 @@ def follow_yaw_rate(m: Any, n: float, e: float, d: float, rate: float, dt: float
     if m.ATC_RATE_Y_MAX > 0.0:
         rate = clip(rate, -m.ATC_RATE_Y_MAX * _DEG, m.ATC_RATE_Y_MAX * _DEG)
     m.rate_target[2] += clip(rate - m.rate_target[2], -step, step)
-    _follow_target(m, dt)
+    _follow_target(m, False, dt)
 
 
 @kernel
@@ -184,6 +188,16 @@ def lean_to(m: Any, roll: float, pitch: float, rate: float, dt: float) -> None:
     forward = -math.sin(pitch) * math.cos(roll)
     right = math.sin(roll)
     follow_yaw_rate(m, forward * c - right * s, forward * s + right * c, -math.cos(pitch) * math.cos(roll), rate, dt)
+
+
+@kernel
+def face(m: Any, roll: float, pitch: float, heading: float, dt: float) -> None:
+    """Performs one step towards Euler angles `roll`, `pitch` and `heading` [rad]."""
+    c, s = math.cos(heading), math.sin(heading)
+    forward = -math.sin(pitch) * math.cos(roll)
+    right = math.sin(roll)
+    down = -math.cos(pitch) * math.cos(roll)
+    follow_heading(m, forward * c - right * s, forward * s + right * c, down, heading, 0.0, dt)
 
 
 @kernel
@@ -218,7 +232,7 @@ def follow_attitude(m: Any, wanted: Any, rates: Any, dt: float) -> None:
     length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     for i in range(4):
         wanted[i] = q[i] / length
-    _follow_target(m, dt)
+    _follow_target(m, False, dt)
 
 
 @kernel
@@ -232,12 +246,37 @@ def follow_rates(m: Any, rates: Any, dt: float) -> None:
     w[1] += clip(_limited(rates[1], m.ATC_RATE_P_MAX) - w[1], -step, step)
     step = m.ATC_ACCEL_Y_MAX * _CDEG * dt
     w[2] += clip(_limited(rates[2], m.ATC_RATE_Y_MAX) - w[2], -step, step)
-    _follow_target(m, dt)
+    _follow_target(m, False, dt)
 
 
 @kernel
-def _follow_target(m: Any, dt: float) -> None:
-    """Computes the body's angular velocity towards the target: error correction plus feed-forward."""
+def demand_rates(m: Any, x: float, y: float, z: float) -> None:
+    """Demands angular velocities [rad/s, body axes] of the rate controllers alone; the target is the body, at rest."""
+    relax_attitude(m)
+    m.rate_wanted[0], m.rate_wanted[1], m.rate_wanted[2] = x, y, z
+
+
+@kernel
+def step_target(m: Any, x: float, y: float, z: float, dt: float) -> None:
+    """Turns the target by the rotation vector (x, y, z) [rad, its own axes], and performs one step of `hold_target`."""
+    _set_target(m, _turned(_target(m), x, y, z))
+    hold_target(m, dt)
+
+
+@kernel
+def hold_target(m: Any, dt: float) -> None:
+    """Performs one step towards the target at rest, with rates proportional to the error."""
+    for i in range(3):
+        m.rate_target[i] = 0.0
+    _follow_target(m, True, dt)
+
+
+@kernel
+def _follow_target(m: Any, proportional: bool, dt: float) -> None:
+    """Computes the body's angular velocity towards the target: error correction plus feed-forward.
+
+    The correction is `proportional` to the error, or limited by the deceleration that it takes.
+    """
     body = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
     x, y, z, tilt_error = tilt_and_heading_error(_target(m), body)
     m.thrust_error = tilt_error
@@ -250,6 +289,8 @@ def _follow_target(m: Any, dt: float) -> None:
             z = limited
     roll_accel = clip(0.5 * m.ATC_ACCEL_R_MAX * _CDEG, _TILT_ACCEL_MIN, _TILT_ACCEL_MAX)
     pitch_accel = clip(0.5 * m.ATC_ACCEL_P_MAX * _CDEG, _TILT_ACCEL_MIN, _TILT_ACCEL_MAX)
+    if proportional:
+        roll_accel, pitch_accel, yaw_accel = 0.0, 0.0, 0.0
     rx = sqrt_controller(x, m.ATC_ANG_RLL_P, roll_accel, dt)
     ry = sqrt_controller(y, m.ATC_ANG_PIT_P, pitch_accel, dt)
     rz = sqrt_controller(z, m.ATC_ANG_YAW_P, yaw_accel, dt)

@@ -1,7 +1,7 @@
 """Flight mode selection: changing modes, and one step of the current mode.
 
 Kernels over the autopilot's record `m`. The modes are in `guided`, `manual`, `auto`, and the packages `acrobatics`,
-`assisted` and `returning`; `commander.mode_requests` reports refused mode changes to ground stations.
+`assisted`, `returning` and `tuning`; `commander.mode_requests` reports refused mode changes to ground stations.
 
 Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode.
 """
@@ -41,12 +41,19 @@ from cosim_models.autopilot.flight.manual import (
 )
 from cosim_models.autopilot.flight.returning.smart_rtl import leave_smart_rtl, run_smart_rtl, start_smart_rtl
 from cosim_models.autopilot.flight.state import needs_position, position_ready
+from cosim_models.autopilot.flight.tuning.autotune import (
+    leave_autotune,
+    run_autotune,
+    start_autotune,
+    tune_is_possible,
+)
 from cosim_models.autopilot.link.statustext import INFO, NO_NUMBER, RECOVERY, say
 from cosim_models.autopilot.mission.missions import forget_jumps
 from cosim_models.autopilot.record.modes import (
     ACRO,
     ALT_HOLD,
     AUTO,
+    AUTOTUNE,
     AVOID_ADSB,
     BRAKE,
     CIRCLE,
@@ -72,12 +79,14 @@ _RECOVERY = 10.0  # s after a change of mode beyond a fence in which breaches ar
 
 @kernel
 def can_begin(m: Any, mode: int, t: float) -> bool:
-    """Returns whether the conditions of FLIP, THROW and SMART_RTL are met, if the mode is one of these.
+    """Returns whether the conditions of FLIP, AUTOTUNE, THROW and SMART_RTL are met, if the mode is one of these.
 
     Disarmed, THROW can always be entered; SMART_RTL needs a path.
     """
     if mode == FLIP:
         return flip_is_possible(m, t)
+    if mode == AUTOTUNE:
+        return tune_is_possible(m, t)
     if mode == SMART_RTL:
         return bool(m.crumbs_on)
     return bool(mode != THROW or not m.armed)
@@ -101,6 +110,8 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
     previous = int(m.mode)
     if previous == SMART_RTL:
         leave_smart_rtl(m)
+    elif previous == AUTOTUNE:
+        leave_autotune(m)
     m.mode = mode
     m.auto_rtl = False
     m.legs_active = False
@@ -156,6 +167,8 @@ def _start_rarer(m: Any, mode: int, previous: int, t: float) -> None:
         start_throw(m, t)
     elif mode == SMART_RTL:
         start_smart_rtl(m, t)
+    elif mode == AUTOTUNE:
+        start_autotune(m, previous, t)
 
 
 @kernel
@@ -206,5 +219,7 @@ def _run_rarer(m: Any, t: float, dt: float) -> None:
         follows = run_flip(m, t, dt)
     elif m.mode == THROW:
         follows = run_throw(m, t, dt)
+    elif m.mode == AUTOTUNE:
+        run_autotune(m, t, dt)
     if follows >= 0 and not set_mode(m, follows, t) and m.mode == FLIP:
         set_mode(m, STABILIZE, t)

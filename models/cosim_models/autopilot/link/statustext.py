@@ -7,6 +7,7 @@ Source: ArduPilot's texts, as recorded from ArduCopter 4.7-dev or read in its so
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,27 @@ from cosim.messages import STATUSTEXT, encode_statustext, put_statustext_text
 from cosim_models.autopilot.link.links import LINKS, send
 
 __all__ = [
+    "TUNE_STARTED",
+    "TUNE_STOPPED",
+    "TUNE_SUCCESS",
+    "TUNE_OVERRIDDEN",
+    "TUNE_RESTORED",
+    "TUNE_INCOMPLETE",
+    "TUNE_UNLEVEL",
+    "TUNE_SIZE_FAILED",
+    "TUNE_D_FAILED",
+    "TUNE_P_FAILED",
+    "TUNE_ANGLE_FAILED",
+    "TUNE_D_LEAST",
+    "TUNE_PROGRESS",
+    "TUNE_COMPLETE",
+    "TUNE_RATES",
+    "TUNE_ANGLES",
+    "TUNE_SAVED",
+    "TUNE_TESTING",
+    "TUNE_TESTING_END",
+    "say_all",
+    "say_rest",
     "ACCELS_INCONSISTENT",
     "ACRO_TOO_HIGH",
     "AHRS_TYPE",
@@ -30,6 +52,7 @@ __all__ = [
     "ARM_THROTTLE",
     "ARM_VOLTAGE",
     "ATTITUDE_BAD",
+    "AUTOTUNE_NOT_ARMABLE",
     "AUTOTUNE_REFUSED",
     "AUTO_NOT_ARMABLE",
     "AUTO_REFUSED",
@@ -200,6 +223,11 @@ def _text(text: bytes) -> int:
     return len(_TEXTS) - 1
 
 
+def _texts(texts: Iterable[bytes]) -> int:
+    """Registers several texts with consecutive numbers; returns the first."""
+    return [_text(text) for text in texts][0]  # noqa: RUF015 - all of them
+
+
 def _part(text: bytes, chunk: int) -> int:
     """Registers a part of a text that is longer than one STATUSTEXT."""
     number = _text(text)
@@ -297,6 +325,7 @@ _text(b"Frame: HEXA/X")
 _text(b"Frame: OCTA/X")
 _text(b"Frame: Y6/Y6B")
 FLIP_REFUSED = _text(b"Mode change to FLIP failed: init failed")
+AUTOTUNE_NOT_ARMABLE = _text(b"Arm: AUTOTUNE mode not armable")
 AUTOTUNE_REFUSED = _text(b"Mode change to AUTOTUNE failed: init failed")
 THROW_REFUSED = _text(b"Mode change to THROW failed: init failed")
 FLOWHOLD_REFUSED = _text(b"Mode change to FLOWHOLD failed: init failed")
@@ -408,6 +437,38 @@ _text(b"Mission: % LoitAltitude")
 _text(b"Mission: % SplineWP")
 ROUND_BEGINS = _text(b"Mission: starting circle %/&")
 
+TUNE_STARTED = _text(b"AutoTune: Started")
+TUNE_STOPPED = _text(b"AutoTune: Stopped")
+TUNE_SUCCESS = _text(b"AutoTune: Success")
+TUNE_OVERRIDDEN = _text(b"AutoTune: pilot overrides active")
+TUNE_RESTORED = _text(b"AutoTune: original gains restored")
+TUNE_INCOMPLETE = _text(b"AutoTune: must be complete to test gains")
+TUNE_UNLEVEL = _text(b"AutoTune: Failed to level, please tune manually")
+TUNE_SIZE_FAILED = _text(b"AutoTune: Twitch Size Determination Failed")
+TUNE_D_FAILED = _text(b"AutoTune: Rate D Gain Determination Failed")
+TUNE_P_FAILED = _text(b"AutoTune: Rate P Gain Determination Failed")
+TUNE_ANGLE_FAILED = _text(b"AutoTune: Angle P Gain Determination Failed")
+TUNE_D_LEAST = _text(b"AutoTune: Min Rate D limit reached")
+# Texts by axis, and of the progress by kind of twitch.
+_AXES = (b"Roll", b"Pitch", b"Yaw(E)", b"Yaw(D)")
+_KINDS = (b"Rate D Up", b"Rate D Down", b"Rate P Up", b"Angle P Down", b"Angle P Up")
+TUNE_PROGRESS = _texts(b"AutoTune: " + axis + b" " + kind + b" %|" for axis in _AXES for kind in _KINDS)
+TUNE_COMPLETE = _texts(b"AutoTune: " + axis + b" complete" for axis in _AXES)
+TUNE_RATES = _texts(b"AutoTune: " + axis + b" Rate: P:^, I:`, D:@" for axis in _AXES)
+TUNE_ANGLES = _texts(b"AutoTune: " + axis + b" Angle P:^, Max Accel:&" for axis in _AXES)
+# Texts that name axes, by their bits; the second may be longer than one STATUSTEXT.
+_NAMED = [
+    b"".join(name for i, name in enumerate((b"Roll ", b"Pitch ", b"Yaw(E)", b"Yaw(D)")) if bits >> i & 1)
+    for bits in range(1 << len(_AXES))
+]
+TUNE_SAVED = _texts(b"AutoTune: Saved gains for " + names for names in _NAMED)
+_TESTED = [b"AutoTune: Pilot Testing gains for " + names for names in _NAMED]
+TUNE_TESTING = _texts(text[:50] for text in _TESTED)
+TUNE_TESTING_END = _texts(text[50:] for text in _TESTED)
+for _i, _content in enumerate(_TESTED):
+    if len(_content) > 50:
+        _CHUNKS[TUNE_TESTING + _i], _CHUNKS[TUNE_TESTING_END + _i] = 0, 1
+
 _TEXT_BYTES = np.zeros((len(_TEXTS), 50), dtype=np.uint8)
 for _i, _content in enumerate(_TEXTS):
     _TEXT_BYTES[_i, : len(_content)] = np.frombuffer(_content, dtype=np.uint8)
@@ -416,6 +477,7 @@ _CHUNK_OF = np.array(_CHUNKS, dtype=np.int64)
 _CHUNK_ID = 1
 
 _PLACE, _PLACE_OF_HUNDREDTHS, _PLACE_OF_SECOND, _PLACE_OF_TENTHS, _POINT = 37, 36, 38, 126, 46  # % $ & ~ .
+_PLACE_OF_THOUSANDTHS, _SECOND_OF_THOUSANDTHS, _THIRD_OF_MYRIADTHS, _PERCENT = 94, 96, 64, 124  # ^ ` @ |
 
 
 @kernel
@@ -435,6 +497,22 @@ def say_with(m: Any, severity: int, text: int, number: int, second: int) -> None
         m.text_queue[n, 3] = second
         m.text_queue[n, 4] = _EVERY_LINK
         m.text_count = n + 1
+
+
+@kernel
+def say_all(m: Any, severity: int, text: int, number: int, second: int, third: int) -> None:
+    """Like `say_with`, for texts with "^" (number, 1/1000), "`" (second, 1/1000) and "@" (third, 1/10000)."""
+    n = m.text_count
+    say_with(m, severity, text, number, second)
+    if m.text_count > n:
+        m.text_queue[n, 5] = third
+
+
+@kernel
+def say_rest(m: Any, severity: int, text: int) -> None:
+    """Like `say` for the rest of a text that is too long for one STATUSTEXT, if there is any."""
+    if _TEXT_LENGTHS[text] > 0:
+        say(m, severity, text, NO_NUMBER)
 
 
 @kernel
@@ -462,7 +540,7 @@ def send_texts(m: Any) -> None:
         sent += 1
     if sent > 0:
         for i in range(sent, m.text_count):
-            for k in range(5):
+            for k in range(m.text_queue.shape[1]):
                 m.text_queue[i - sent, k] = m.text_queue[i, k]
         m.text_count -= sent
 
@@ -484,6 +562,14 @@ def _put_number(m: Any, at: int, number: int, least: int) -> int:
 
 
 @kernel
+def _put_decimals(m: Any, at: int, value: int, scale: int, digits: int) -> int:
+    """Writes `value` / `scale` with `digits` decimals at `at`; returns the number of characters."""
+    whole = _put_number(m, at, value // scale, 1)
+    put_statustext_text(m.payload, at + whole, _POINT)
+    return whole + 1 + _put_number(m, at + whole + 1, value % scale, digits)
+
+
+@kernel
 def _send_text(m: Any, row: int) -> bool:
     """Sends the text of a row of the queue, with its numbers."""
     text = m.text_queue[row, 1]
@@ -497,14 +583,16 @@ def _send_text(m: Any, row: int) -> bool:
         elif byte == _PLACE_OF_SECOND:
             at += _put_number(m, at, m.text_queue[row, 3], 1)
         elif byte == _PLACE_OF_HUNDREDTHS:
-            at += _put_number(m, at, m.text_queue[row, 3] // 100, 1)
-            put_statustext_text(m.payload, at, _POINT)
-            at += 1 + _put_number(m, at + 1, m.text_queue[row, 3] % 100, 2)
+            at += _put_decimals(m, at, m.text_queue[row, 3], 100, 2)
         elif byte == _PLACE_OF_TENTHS:
-            at += _put_number(m, at, m.text_queue[row, 3] // 10, 1)
-            put_statustext_text(m.payload, at, _POINT)
-            at += 1 + _put_number(m, at + 1, m.text_queue[row, 3] % 10, 1)
+            at += _put_decimals(m, at, m.text_queue[row, 3], 10, 1)
+        elif byte == _PLACE_OF_THOUSANDTHS:
+            at += _put_decimals(m, at, m.text_queue[row, 2], 1000, 3)
+        elif byte == _SECOND_OF_THOUSANDTHS:
+            at += _put_decimals(m, at, m.text_queue[row, 3], 1000, 3)
+        elif byte == _THIRD_OF_MYRIADTHS:
+            at += _put_decimals(m, at, m.text_queue[row, 5], 10000, 4)
         else:
-            put_statustext_text(m.payload, at, byte)
+            put_statustext_text(m.payload, at, _PLACE if byte == _PERCENT else byte)
             at += 1
     return send(m, STATUSTEXT)

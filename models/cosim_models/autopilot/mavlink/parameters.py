@@ -51,6 +51,7 @@ __all__ = [
     "read_parameter",
     "send_list",
     "set_parameter",
+    "tell_saved",
 ]
 
 _ID_LENGTH = 16
@@ -94,6 +95,19 @@ _IS_WIND = np.array([v.name.startswith("SIM_WIND_") for v in _TABLE], dtype=np.u
 _LEAST = np.array([1.0 if v.name == "SYSID_THISMAV" else v.minimum or 0.0 for v in _TABLE])
 _SHARES = ("MOT_SPIN_ARM", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_EXPO", "MOT_THST_HOVER", "TKOFF_THR_MAX")
 _MAXIMA = {"SYSID_MYGCS": 255.0, "SYSID_THISMAV": 255.0, **dict.fromkeys(_SHARES, 1.0)}
+_SAVED = np.array(
+    [
+        PARAMETER_NAMES.index(name)
+        for axis in ("RLL", "PIT", "YAW")
+        for name in (
+            *(f"ATC_RAT_{axis}_{gain}" for gain in ("P", "I", "D", "FF", "FLTT", "FLTE", "FLTD")),
+            f"ATC_ANG_{axis}_P",
+            f"ATC_ACCEL_{axis[0]}_MAX",
+        )
+    ],
+    dtype=np.int64,
+)
+"""Parameters that a tune saves, by the bits of m.tune_unsent."""
 _MOST = np.array([v.maximum or _MAXIMA.get(v.name, _LARGEST) for v in _TABLE])
 
 
@@ -203,3 +217,14 @@ def set_parameter(m: Any) -> None:
         _deny(m, i)
     _fill(m, i, _CHANGED)
     send_to_all(m, PARAM_VALUE)
+
+
+@kernel
+def tell_saved(m: Any) -> None:
+    """Sends the next of the parameters that a tune has saved to all, as if it had been set."""
+    for k in range(_SAVED.shape[0]):
+        if (m.tune_unsent >> k) & 1 != 0:
+            m.tune_unsent -= 1 << k
+            _fill(m, _SAVED[k], _CHANGED)
+            send_to_all(m, PARAM_VALUE)
+            return

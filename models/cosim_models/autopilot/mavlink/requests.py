@@ -90,6 +90,7 @@ from cosim_models.autopilot.flight.assisted.zigzag import return_to_pilot, store
 from cosim_models.autopilot.flight.auto import may_pause
 from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo, test_motors
 from cosim_models.autopilot.flight.state import disarm
+from cosim_models.autopilot.flight.tuning.autotune import select_gains
 from cosim_models.autopilot.flight.yaw import default_nose, look_at
 from cosim_models.autopilot.link.statustext import (
     AUX_INVALID,
@@ -185,7 +186,7 @@ _AUX_MODES = np.array(
         (4, RTL),
         (16, AUTO),
         (18, LAND),
-        (26, AUTOTUNE),
+        (17, AUTOTUNE),
         (33, BRAKE),
         (37, THROW),
         (42, SMART_RTL),
@@ -205,6 +206,7 @@ _AUX_MODES = np.array(
     dtype=np.int64,
 )
 _AUX_FENCE, _AUX_RELAY, _AUX_ESTOP, _AUX_ZIGZAG, _AUX_DISARM, _AUX_ARM_DISARM = 11, 28, 31, 61, 81, 153
+_AUX_TUNED_GAINS = 180
 _LOW, _MIDDLE, _HIGH = 0, 1, 2
 _AUX_LAST, _AUX_MORE, _AUX_LAST_MORE = 115, 150, 185  # ranges of functions that ArduCopter knows
 
@@ -319,6 +321,8 @@ def _switch(m: Any, function: float, position: float, t: float) -> int:
             return_to_pilot(m, False)
         else:
             store_or_go(m, 0 if at == _LOW else 1)
+    elif number == _AUX_TUNED_GAINS:
+        select_gains(m, at)
     elif number == _AUX_RELAY:
         set_relay(m, 0.0, 1.0 if at == _HIGH else 0.0)
     elif number == _AUX_ARM_DISARM and at == _HIGH:

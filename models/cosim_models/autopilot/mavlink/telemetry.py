@@ -18,12 +18,14 @@ from cosim.kernel import kernel
 from cosim.model import record_layout
 from cosim_models.autopilot.commander.readiness import home_ready
 from cosim_models.autopilot.flight.state import reported_mode
+from cosim_models.autopilot.flight.tuning.autotune import settle_tune
 from cosim_models.autopilot.link.links import LINKS
 from cosim_models.autopilot.link.statustext import DISARMING, INFO, NO_NUMBER, say, send_texts
 from cosim_models.autopilot.mavlink.file_transfer import continue_burst
 from cosim_models.autopilot.mavlink.messages import send_heartbeat, send_home, send_message, send_origin
-from cosim_models.autopilot.mavlink.parameters import PARAMETER_COUNT, send_list
+from cosim_models.autopilot.mavlink.parameters import PARAMETER_COUNT, send_list, tell_saved
 from cosim_models.autopilot.mission.missions import continue_upload
+from cosim_models.autopilot.record.modes import AUTOTUNE
 from cosim_models.autopilot.record.parameters import STREAM_RATES
 from cosim_models.autopilot.record.streams import HEARTBEAT_ROW, STREAM_COUNT, stream_group
 from cosim_models.autopilot.record.variables import VARIABLES
@@ -119,6 +121,7 @@ def telemetry(m: Any, t: float) -> None:
     """Sends the messages due at t on all links."""
     if m.told_armed and not m.armed:
         say(m, INFO, DISARMING, NO_NUMBER)
+        settle_tune(m, m.mode == AUTOTUNE)
     if (home_ready(m, t) and not m.told_home) or (m.armed and not m.told_armed):
         _tell_home(m, t)
     if m.text_count > 0:
@@ -131,6 +134,9 @@ def telemetry(m: Any, t: float) -> None:
         return
     m.soonest_due = t + 1.0
     m.transferring = m.file_bursting or m.uploading
+    if m.tune_unsent != 0:
+        tell_saved(m)
+        m.transferring = True
     for link in range(LINKS):
         m.link = link
         if changed:

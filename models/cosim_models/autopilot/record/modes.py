@@ -59,6 +59,7 @@ class Mode(IntEnum):
     LAND = 9
     DRIFT = 11
     FLIP = 14
+    AUTOTUNE = 15
     POSHOLD = 16
     BRAKE = 17
     THROW = 18
@@ -82,10 +83,10 @@ STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE, AVOID_ADSB,
     19,
     20,
 )
-ACRO, DRIFT, FLIP, POSHOLD, THROW, SMART_RTL, ZIGZAG = 1, 11, 14, 16, 18, 21, 24
+ACRO, DRIFT, FLIP, AUTOTUNE, POSHOLD, THROW, SMART_RTL, ZIGZAG = 1, 11, 14, 15, 16, 18, 21, 24
 AUTO_RTL = 27
 """AUTO that flies the landing sequence: HEARTBEAT reports it, `Mode` does not have it."""
-AUTOTUNE, FLOWHOLD, FOLLOW, SYSTEMID, TURTLE = 15, 22, 23, 25, 28
+FLOWHOLD, FOLLOW, SYSTEMID, TURTLE = 22, 23, 25, 28
 """Modes that are refused as if their conditions were not met."""
 
 # Sub-modes of GUIDED.

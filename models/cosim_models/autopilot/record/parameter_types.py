@@ -9,6 +9,7 @@ INT8 = frozenset(
         "ACRO_TRAINER",
         "ARMING_RUDDER",
         "ATC_ANGLE_BOOST",
+        "AUTOTUNE_AXES",
         "AVOID_ENABLE",
         "BATT_FS_CRT_ACT",
         "BATT_FS_LOW_ACT",

@@ -192,6 +192,9 @@ ACROBATIC_PARAMETERS = _rare(
     _real("PHLD_BRAKE_RATE", "deg/s", 8.0, "POSHOLD: rate at which braking changes the lean; at least 4"),
     _real("PHLD_BRAKE_ANGLE", "cdeg", 3000.0, "POSHOLD: maximum lean of braking", 0.0),
     _real("SRTL_ACCURACY", "m", 2.0, "SMART_RTL: minimum distance between the points that are kept, 0: off", 0.0),
+    _whole("AUTOTUNE_AXES", 7, "AUTOTUNE: sum of 1 roll, 2 pitch, 4 yaw by the error filter, 8 yaw by D", 0, 15),
+    _real("AUTOTUNE_AGGR", "1", 0.075, "AUTOTUNE: bounce-back per peak with which D is tuned, 0.05 to 0.2", 0.0),
+    _real("AUTOTUNE_MIN_D", "s2/rad", 0.0005, "AUTOTUNE: least derivative gain", 0.0),
     _whole("SRTL_POINTS", 300, "SMART_RTL: number of points that are kept, 0: off", 0, CRUMBS),
 )
 

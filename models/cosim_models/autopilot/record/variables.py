@@ -18,6 +18,7 @@ from cosim_models.autopilot.mission.rally import RALLY_CAPACITY, RALLY_ITEM
 from cosim_models.autopilot.record.modes import Mode
 from cosim_models.autopilot.record.parameters import CRUMBS, PARAMETERS
 from cosim_models.autopilot.record.streams import STREAM_COUNT
+from cosim_models.autopilot.record.tuning import TUNING_MEMORY
 
 __all__ = ["CHANNELS", "SERVOS", "VARIABLES"]
 
@@ -184,12 +185,13 @@ MEMORY = (
     Memory("crumb_taken", dtype="?", rare=True),
     Memory("crumb_place", shape=3, rare=True),
     Memory("rtl_place", shape=2, rare=True),
+    *TUNING_MEMORY,
     # link
     Memory("payload", dtype="u1", shape=255),
     Memory("received", dtype="u1", shape=255),
     Memory("link", dtype="i4"),  # link being served
     Memory("sequence", dtype="i4", shape=LINKS, rare=True),
-    Memory("text_queue", dtype="i8", shape=(12, 5), rare=True),  # severity, text, number, hundredths, bits of links
+    Memory("text_queue", dtype="i8", shape=(12, 6), rare=True),  # severity, text, number, second, bits of links, third
     Memory("text_count", dtype="i4"),
     Memory("ack_room", dtype="i4"),  # bytes reserved for acknowledgements of received commands
     Memory("link_version", dtype="i4", shape=LINKS, rare=True),
