@@ -67,6 +67,11 @@ def change(system: Path, how: Callable[[str], str]) -> None:
     file.write_text(how(file.read_text(encoding="utf-8")), encoding="utf-8")
 
 
+def with_inner(elements: str) -> Callable[[str], str]:
+    """Returns a change of a system's text: elements in its `network`, which has none."""
+    return lambda text: re.sub(r"(<network [^>]*)/>", rf"\1>{elements}</network>", text)
+
+
 LOSSY = {"loss": "0.2", "jitter": "0.013", "duplicates": "0.1", "burstStart": "0.05", "burstEnd": "0.5"}
 
 
@@ -138,8 +143,10 @@ def test_other_radios_with_a_reach(fmus: Path, tmp_path: Path, attributes: dict[
 def test_outages_and_partitions_of_nodes_that_are_out_of_reach(fmus: Path, tmp_path: Path) -> None:
     """Their losses have other reasons than the range; they are recorded by the sender's part."""
     system = swarm(tmp_path, fmus, range="11", jitter="0.02")
-    inner = '<outage node="drone9" start="1" stop="3"/><partition nodes="drone1 drone8" start="2" stop="4"/>'
-    change(system, lambda text: re.sub(r"(<network [^>]*)/>", rf"\1>{inner}</network>", text))
+    change(
+        system,
+        with_inner('<outage node="drone9" start="1" stop="3"/><partition nodes="drone1 drone8" start="2" stop="4"/>'),
+    )
     whole = fly(system, tmp_path / "whole", until=UNTIL)
     assert min(whole.result.packets["lost: outage"], whole.result.packets["lost: partition"]) > 5
     same(whole.folder, in_parts(system, tmp_path, [0, 0, 0, 1, 1, 1, 2, 2, 2]))
@@ -160,15 +167,22 @@ NEAREST = {
     "one, with signals": {"topology": "nearest", "neighbours": "1", "sensitivity": "-40", "rayleigh": "true"},
     "on an axis": {"topology": "nearest", "neighbours": "1", "axis": "0.1 1 0"},
     "within a range": {"topology": "nearest", "neighbours": "2", "axis": "0.1 1 0", "range": "15"},
+    "in space, within a range, jammed": {"topology": "nearest", "neighbours": "3", "range": "15"},
 }
+JAMMING = '<jamming north="8" east="0" radius="6" start="2"/>'
+"""An area around the middle of a side of the square."""
 
 
 @pytest.fixture(scope="module", params=list(NEAREST))
 def nearest(fmus: Path, tmp_path_factory: pytest.TempPathFactory, request: Any) -> tuple[Path, Flight]:
     workshop = tmp_path_factory.mktemp("nearest")
     system = swarm(workshop, fmus, **NEAREST[request.param], **LOSSY)
+    happens = ["lost: channel", "delivered"]
+    if "jammed" in request.param:
+        change(system, with_inner(JAMMING))
+        happens.append("lost: jammed")
     flight = fly(system, workshop / "out", until=UNTIL)
-    assert min(flight.result.packets["lost: channel"], flight.result.packets["delivered"]) > 20
+    assert min(flight.result.packets[outcome] for outcome in happens) > 20, flight.result.packets
     return system, flight
 
 
