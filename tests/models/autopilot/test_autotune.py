@@ -101,6 +101,22 @@ def test_autotune_is_entered_from_these_modes(mode: int) -> None:
     assert copter.ask(AUX, 17, 2)[1] == STARTED  # as a switch of the remote control does; the tune goes on
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_its_switch_returns_to_the_mode_of_the_mode_switch(held: bool) -> None:
+    """0.2 s after the function's switch has been lowered, FLTMODE6: where the mode switch is without an override."""
+    copter = in_autotune(FLTMODE6=POSHOLD)
+    copter.run(0.1 if held else 3.5)
+    assert copter.ask(AUX, 56, 0) == [("ACK", AUX, ACCEPTED)]  # LOITER is not the mode
+    copter.run(0.4)
+    assert copter.m["mode"] == AUTOTUNE
+    assert copter.ask(AUX, 17, 0) == [("ACK", AUX, ACCEPTED)]
+    copter.run(0.19)
+    assert copter.m["mode"] == AUTOTUNE
+    copter.run(0.12)
+    assert copter.m["mode"] == POSHOLD
+    assert texts(copter)[-1] == (6, "AutoTune: Stopped")
+
+
 def test_autotune_is_refused_elsewhere() -> None:
     copter = flown(GUIDED)
     assert copter.ask(SET_MODE, 1, AUTOTUNE) == REFUSED

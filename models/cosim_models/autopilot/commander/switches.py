@@ -21,10 +21,11 @@ from cosim_models.autopilot.flight.sticks import channel, deflection, hands_on, 
 from cosim_models.autopilot.record.modes import ACRO, STABILIZE
 from cosim_models.autopilot.record.variables import VARIABLES
 
-__all__ = ["LAST_POSITION", "watch_switches"]
+__all__ = ["LAST_POSITION", "return_to_switch", "watch_switches"]
 
 _POSITIONS = np.array((1230, 1360, 1490, 1620, 1749), dtype=np.int64)  # us, upper limits of positions 1 to 5
 LAST_POSITION = 6
+_UNKNOWN = 0
 _LEAST, _GREATEST = 900, 2200  # us, valid pulses of a connected switch
 _SETTLED = 0.2  # s
 _FULL = 4000.0 / 4500.0  # yaw stick
@@ -38,7 +39,7 @@ _MODES = np.array([_FIELDS[f"FLTMODE{i}"][1] for i in range(1, LAST_POSITION + 1
 @kernel
 def _watch_mode(m: Any, t: float) -> None:
     number = m.FLTMODE_CH
-    if number == 0 or not override_active(m, number, t):
+    if number == 0 or not (m.switch_position == _UNKNOWN or override_active(m, number, t)):
         return
     pulse = channel(m, number, t)
     if not _LEAST < pulse < _GREATEST:
@@ -53,6 +54,13 @@ def _watch_mode(m: Any, t: float) -> None:
     elif position != m.switch_position and t - m.switch_since >= _SETTLED - 1e-9:
         m.switch_position = position
         request_mode(m, get_whole(m, _MODES[position - 1]), t)
+
+
+@kernel
+def return_to_switch(m: Any) -> None:
+    """Makes the mode that of the mode switch, 0.2 s later, as if it had been moved there; without an override, too."""
+    m.switch_position = _UNKNOWN
+    m.switch_seen = _UNKNOWN
 
 
 @kernel
@@ -79,6 +87,8 @@ def _watch_rudder(m: Any, t: float) -> None:
 @kernel
 def watch_switches(m: Any, t: float) -> None:
     """Responds to the mode switch and the yaw stick."""
-    if hands_on(m, t):
+    flies = hands_on(m, t)
+    if flies or m.switch_position == _UNKNOWN:
         _watch_mode(m, t)
+    if flies:
         _watch_rudder(m, t)

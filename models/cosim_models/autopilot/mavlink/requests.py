@@ -85,11 +85,12 @@ from cosim_models.autopilot.commander.mode_requests import (
     start_landing_sequence,
 )
 from cosim_models.autopilot.commander.readiness import home_ready
+from cosim_models.autopilot.commander.switches import return_to_switch
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.assisted.zigzag import return_to_pilot, store_or_go
 from cosim_models.autopilot.flight.auto import may_pause
 from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo, test_motors
-from cosim_models.autopilot.flight.state import disarm
+from cosim_models.autopilot.flight.state import disarm, reported_mode
 from cosim_models.autopilot.flight.tuning.autotune import select_gains
 from cosim_models.autopilot.flight.yaw import default_nose, look_at
 from cosim_models.autopilot.link.statustext import (
@@ -313,6 +314,8 @@ def _switch(m: Any, function: float, position: float, t: float) -> int:
         if _AUX_MODES[i, 0] == number:
             if at == _HIGH:
                 request_mode(m, int(_AUX_MODES[i, 1]), t)
+            elif _AUX_MODES[i, 1] == reported_mode(m) and m.mode != FLIP:
+                return_to_switch(m)
             return MAV_RESULT_ACCEPTED
     if number == _AUX_FENCE:
         m.FENCE_ENABLE = 1 if at == _HIGH else 0
