@@ -188,6 +188,16 @@ class Role(Enum):
     """Real parameter: geodetic longitude of the local origin [rad]."""
     ORIGIN_ALTITUDE = "OriginAltitude"
     """Real parameter: altitude of the local origin above mean sea level [m]."""
+    JAMMED_RADIUS = "JammedRadius"
+    """Real parameter: radius of an area in which the instance's satellite navigation is jammed [m]; 0: none."""
+    JAMMED_NORTH = "JammedNorth"
+    """Real parameter: north of that area's centre from the local origin [m]."""
+    JAMMED_EAST = "JammedEast"
+    """Real parameter: east of that area's centre [m]."""
+    JAMMED_FROM = "JammedFrom"
+    """Real parameter: beginning of the jamming [s]."""
+    JAMMED_UNTIL = "JammedUntil"
+    """Real parameter: end of the jamming [s]."""
     SYSTEM_ID = "SystemId"
     """Integer parameter: the MAVLink system id of the instance."""
     TELEMETRY = "Telemetry"
@@ -235,6 +245,11 @@ _PLACES: Mapping[object, tuple[str, tuple[str, ...], tuple[int, ...]]] = {
     Role.ORIGIN_LATITUDE: ("parameter", ("Real",), _SCALAR),
     Role.ORIGIN_LONGITUDE: ("parameter", ("Real",), _SCALAR),
     Role.ORIGIN_ALTITUDE: ("parameter", ("Real",), _SCALAR),
+    Role.JAMMED_RADIUS: ("parameter", ("Real",), _SCALAR),
+    Role.JAMMED_NORTH: ("parameter", ("Real",), _SCALAR),
+    Role.JAMMED_EAST: ("parameter", ("Real",), _SCALAR),
+    Role.JAMMED_FROM: ("parameter", ("Real",), _SCALAR),
+    Role.JAMMED_UNTIL: ("parameter", ("Real",), _SCALAR),
     Role.SYSTEM_ID: ("parameter", ("Integer",), _SCALAR),
 }
 """Role, kinds and shape of the variables that may have a verdict, except for ports, Rotors, Logged and Values."""

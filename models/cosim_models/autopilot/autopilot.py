@@ -37,16 +37,22 @@ from cosim_models.autopilot.flight.modes import run_mode
 from cosim_models.autopilot.flight.outputs import run_outputs
 from cosim_models.autopilot.flight.state import detect_landing, disarm_after_delay
 from cosim_models.autopilot.flight.sticks import read_sticks
+from cosim_models.autopilot.flight.terrain_following import destination_up
 from cosim_models.autopilot.link.links import MAVLINK, SERIAL, TELEMETRY
+from cosim_models.autopilot.link.statustext import BAROMETER_CALIBRATED, INFO, NO_NUMBER, READY, say
 from cosim_models.autopilot.mavlink.commands import receive
 from cosim_models.autopilot.mavlink.status_messages import going
 from cosim_models.autopilot.mavlink.telemetry import start_streams, telemetry
+from cosim_models.autopilot.mission.missions import forget_jumps
+from cosim_models.autopilot.mission.terrain import look_down, start_ranging
+from cosim_models.autopilot.record.memory import forget
 from cosim_models.autopilot.record.modes import AUTO
 from cosim_models.autopilot.record.variables import VARIABLES
 
 __all__ = ["Autopilot"]
 
 _STEP = 0.0025
+_BOOT_TIME = 1.0  # s from a reboot to the first HEARTBEAT
 _NO_MIXER, _BAD_SYSID, _NOT_FINITE, _BAD_GAIN, _BAD_LEAN = 1, 2, 3, 4, 5
 
 
@@ -118,7 +124,7 @@ def start(m: Any) -> int:
     m.air_density = air_density_ratio(m.origin_altitude)
     m.lift = m.air_density
     m.voltage_share = 1.0
-    m.mission_count = 1
+    m.mission_count = max(m.mission_count, 1)  # a reboot keeps it
     set_limits(m, 0.01 * m.WPNAV_SPEED, 0.01 * m.WPNAV_SPEED_UP, 0.01 * m.WPNAV_SPEED_DN)
     initialise_ne(m)
     initialise_up(m)
@@ -131,6 +137,7 @@ def start(m: Any) -> int:
     drain(m, 0.0)
     for i in range(2):
         m.battery_since[i] = -1.0
+    start_ranging(m)
     start_streams(m)
     _publish(m)
     return 0
@@ -144,6 +151,31 @@ def _publish(m: Any) -> None:
         m.desired_position[i] = sign * m.desired_position_neu[i]
         m.desired_velocity[i] = sign * m.desired_velocity_neu[i]
         m.target[i] = sign * (m.guided_position_neu[i] if there else m.desired_position_neu[i])
+    if there and m.above_terrain:
+        m.target[2] = -destination_up(m)
+
+
+@kernel
+def _reboot(m: Any, t: float) -> tuple[int, float]:
+    """Starts anew when that is due, and ends the silence after it; returns an error, and the time since the start."""
+    if m.restart_at < 0.0:
+        if t >= _BOOT_TIME - 1e-9:
+            m.rebooting = False
+            say(m, INFO, BAROMETER_CALIBRATED, 1)
+            say(m, INFO, BAROMETER_CALIBRATED, 2)
+            say(m, INFO, READY, NO_NUMBER)
+        return 0, t
+    if t < m.restart_at - 1e-9:
+        return 0, t
+    began = m.booted_at + t
+    forget(m)
+    forget_jumps(m)
+    error = start(m)
+    m.booted_at = began
+    m.tells_elevation = True
+    m.rebooting = True
+    m.restart_at = -1.0
+    return error, 0.0
 
 
 @kernel
@@ -152,6 +184,13 @@ def advance(m: Any, t: float, h: float) -> int:
     m.mavlink_tx_len = 0
     m.telemetry_tx_len = 0
     m.serial_tx_len = 0
+    t -= m.booted_at
+    silent = False
+    if m.rebooting:
+        error, t = _reboot(m, t)
+        if error != 0:
+            return error
+        silent = m.rebooting and m.restart_at < 0.0
     if h != m.filter_dt:
         _tune(m, h)
     if not _sense(m):
@@ -165,17 +204,19 @@ def advance(m: Any, t: float, h: float) -> int:
     if m.sim_on:
         fail_motors(m)
         blow(m, h)
-    if m.mavlink_rx_len > 0:
+    if m.mavlink_rx_len > 0 and not silent:
         m.link = MAVLINK
         receive(m, m.mavlink_rx, m.mavlink_rx_len, t)
-    if m.telemetry_rx_len > 0:
+    if m.telemetry_rx_len > 0 and not silent:
         m.link = TELEMETRY
         receive(m, m.telemetry_rx, m.telemetry_rx_len, t)
-    if m.serial_rx_len > 0:
+    if m.serial_rx_len > 0 and not silent:
         m.link = SERIAL
         receive(m, m.serial_rx, m.serial_rx_len, t)
     if m.rc_known:
         read_sticks(m, t)
+    if m.ranging:
+        look_down(m, t, h)
     watch(m, t)
     if m.mode == AUTO:
         run_auto(m, t, h)
@@ -183,7 +224,8 @@ def advance(m: Any, t: float, h: float) -> int:
     detect_landing(m, h)
     learn_hover_throttle(m, h)
     disarm_after_delay(m, t)
-    telemetry(m, t)
+    if not silent:
+        telemetry(m, t)
     _publish(m)
     return 0
 

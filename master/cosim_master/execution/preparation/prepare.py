@@ -20,6 +20,7 @@ from cosim_master.system.reading.single_fmu import output_interval
 from cosim_master.system.settings.changes import Change, changes
 from cosim_master.system.settings.master import MasterSettings, connected, master_settings_of
 from cosim_master.system.settings.network import Network, network_of
+from cosim_master.system.settings.receivers import with_jamming
 from cosim_master.system.settings.recording import Recording, recording_of
 from cosim_master.system.settings.time_grid import DEFAULT_DURATION, TimeGrid, exact, time_grid
 from cosim_master.verdict.findings import Judgement
@@ -101,6 +102,8 @@ def prepare(
     gridless = master is not None and master.constrained
     clock = gathered(lambda: time_grid(checked, until, step, gridless=gridless))
     network = gathered(lambda: network_of(checked, seed))
+    if network is not None:
+        checked = gathered(lambda: with_jamming(checked, network)) or checked
     limits = gathered(lambda: limits_of(checked))
     monitors = gathered(lambda: monitors_of(checked, network, clock))
     if clock is not None and master is not None:

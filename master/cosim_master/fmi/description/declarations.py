@@ -51,6 +51,11 @@ _TYPES: Mapping[object, tuple[str, tuple[str, ...], int]] = {
     Role.ORIGIN_LATITUDE: ("parameter", ("Real",), 1),
     Role.ORIGIN_LONGITUDE: ("parameter", ("Real",), 1),
     Role.ORIGIN_ALTITUDE: ("parameter", ("Real",), 1),
+    Role.JAMMED_RADIUS: ("parameter", ("Real",), 1),
+    Role.JAMMED_NORTH: ("parameter", ("Real",), 1),
+    Role.JAMMED_EAST: ("parameter", ("Real",), 1),
+    Role.JAMMED_FROM: ("parameter", ("Real",), 1),
+    Role.JAMMED_UNTIL: ("parameter", ("Real",), 1),
     Role.SYSTEM_ID: ("parameter", ("Integer",), 1),
 }
 """Causality, types and number of elements of variables that may have a verdict, except for ports, Rotors, Logged

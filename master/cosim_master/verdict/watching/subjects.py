@@ -18,6 +18,11 @@ from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
 
 __all__ = ["Agent", "Body", "Limit", "Pilot", "Subjects", "watched"]
 
+_UNWATCHED = (
+    *(Role.SYSTEM_ID, Role.OPTIONAL, Role.ATTITUDE),
+    *(Role.JAMMED_RADIUS, Role.JAMMED_NORTH, Role.JAMMED_EAST, Role.JAMMED_FROM, Role.JAMMED_UNTIL),
+)
+
 
 def watched(checked: CheckedSystem) -> frozenset[tuple[str, str]]:
     """Returns all outputs that the watch needs, as pairs of instance and variable."""
@@ -25,7 +30,7 @@ def watched(checked: CheckedSystem) -> frozenset[tuple[str, str]]:
         (instance.name, element)
         for instance in checked.instances
         for name, verdict in instance.fmu.verdicts.items()
-        if not isinstance(verdict, (Rotors, Logged)) and verdict not in (Role.SYSTEM_ID, Role.OPTIONAL, Role.ATTITUDE)
+        if not isinstance(verdict, (Rotors, Logged)) and verdict not in _UNWATCHED
         for element in elements_of(name, instance.fmu.variables)
     )
 

@@ -29,6 +29,7 @@ from cosim_models.autopilot.commander.battery import CRITICAL_CHARGE, drain, new
 from cosim_models.autopilot.commander.checks import watch_flight
 from cosim_models.autopilot.commander.sensors import watch_sensors
 from cosim_models.autopilot.commander.switches import watch_switches
+from cosim_models.autopilot.commander.terrain import watch_terrain
 from cosim_models.autopilot.control.motors import update_lift
 from cosim_models.autopilot.flight.modes import set_mode
 from cosim_models.autopilot.flight.returning.breadcrumbs import forget_path, record_path
@@ -340,5 +341,7 @@ def watch(m: Any, t: float) -> None:
     _watch_station(m, t)
     _watch_radio(m, t)
     watch_switches(m, t)
+    if m.terrain_on or m.terrain_missing or m.terrain_failsafe:
+        watch_terrain(m, t)
     if m.FENCE_ENABLE == 0:
         _watch_fence(m, t)

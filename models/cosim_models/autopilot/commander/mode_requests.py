@@ -23,7 +23,7 @@ from cosim.messages import (
 )
 from cosim_models.autopilot.commander.readiness import attitude_ready, prearm_ready
 from cosim_models.autopilot.flight.modes import can_begin, set_mode
-from cosim_models.autopilot.flight.plans.order import landing_sequence
+from cosim_models.autopilot.flight.plans.order import is_above_terrain, landing_sequence
 from cosim_models.autopilot.flight.state import arm, disarm, needs_position, position_ready
 from cosim_models.autopilot.flight.sticks import by_throttle, pilot_climb_rate, stick_throttle, throttle_open
 from cosim_models.autopilot.link.statustext import (
@@ -37,6 +37,11 @@ from cosim_models.autopilot.link.statustext import (
     ARM_MISSION,
     ARM_NEEDS_POSITION,
     ARM_POLYGON,
+    ARM_RTL_RANGE,
+    ARM_RTL_RANGE_END,
+    ARM_RTL_TERRAIN,
+    ARM_RTL_TERRAIN_END,
+    ARM_TERRAIN,
     ARM_THROTTLE,
     ARM_VOLTAGE,
     ARMING,
@@ -84,6 +89,11 @@ from cosim_models.autopilot.link.statustext import (
     PREARM_MISSION,
     PREARM_NEEDS_POSITION,
     PREARM_POLYGON,
+    PREARM_RTL_RANGE,
+    PREARM_RTL_RANGE_END,
+    PREARM_RTL_TERRAIN,
+    PREARM_RTL_TERRAIN_END,
+    PREARM_TERRAIN,
     PREARM_VOLTAGE,
     RTL_NOT_ARMABLE,
     RTL_REFUSED,
@@ -103,6 +113,7 @@ from cosim_models.autopilot.link.statustext import (
 from cosim_models.autopilot.mission.fences import CIRCLE as FENCE_CIRCLE
 from cosim_models.autopilot.mission.fences import POLYGON, within_polygons
 from cosim_models.autopilot.mission.missions import COMMAND, mission_count
+from cosim_models.autopilot.mission.terrain import BY_RANGE, NO_TERRAIN, terrain_source
 from cosim_models.autopilot.record.modes import (
     ACRO,
     AUTO,
@@ -324,6 +335,23 @@ def _refuse(m: Any, before: bool, arming: int, prearm: int) -> bool:
 
 
 @kernel
+def _check_terrain(m: Any, before: bool) -> bool:
+    """Returns whether there is the terrain that RTL_ALT_TYPE and the mission need, and reports if not."""
+    source = terrain_source(m)
+    if m.RTL_ALT_TYPE == 1 and source == NO_TERRAIN:
+        _refuse(m, before, ARM_RTL_TERRAIN, PREARM_RTL_TERRAIN)
+        return _refuse(m, before, ARM_RTL_TERRAIN_END, PREARM_RTL_TERRAIN_END)
+    if m.RTL_ALT_TYPE == 1 and source == BY_RANGE and m.RTL_ALT > 100.0 * m.RNGFND1_MAX:
+        _refuse(m, before, ARM_RTL_RANGE, PREARM_RTL_RANGE)
+        return _refuse(m, before, ARM_RTL_RANGE_END, PREARM_RTL_RANGE_END)
+    if source == NO_TERRAIN:
+        for row in range(1, mission_count(m)):
+            if is_above_terrain(m, row):
+                return _refuse(m, before, ARM_TERRAIN, PREARM_TERRAIN)
+    return True
+
+
+@kernel
 def check_arming(m: Any, before: bool, t: float) -> bool:
     """Returns whether those of ArduCopter's checks pass that can fail here, and reports the first failure.
 
@@ -357,7 +385,7 @@ def check_arming(m: Any, before: bool, t: float) -> bool:
             return _refuse(m, before, ARM_POLYGON, PREARM_POLYGON)
     if m.mode == AUTO and mission_count(m) <= 1:
         return _refuse(m, before, ARM_MISSION, PREARM_MISSION)
-    return True
+    return _check_terrain(m, before)
 
 
 @kernel

@@ -241,7 +241,7 @@ def _watch_tilt(m: Any, t: float) -> None:
 def watch_sensors(m: Any, t: float) -> None:
     """Updates the errors of the estimate; called ten times a second."""
     watch_wind(m)
-    m.gps_jammed = _is_jammed(m, t)
+    m.gps_jammed = _is_jammed(m, t + m.booted_at)
     was = m.sim_on
     m.sim_on = _is_on(m)
     if not m.sim_on:

@@ -157,6 +157,7 @@ def initialise_up(m: Any) -> None:
     m.accel_pid[RUNNING] = 0.0
     m.accel_pid[INTEGRAL] = m.throttle_in - m.throttle_hover
     m.limit_neu[2] = 0.0
+    m.terrain_on = False
 
 
 @kernel
@@ -220,8 +221,11 @@ def _overspeed(m: Any) -> float:
 
 
 @kernel
-def seek_position(m: Any, n: float, e: float, u: float, dt: float) -> None:
-    """Shapes the desired motion straight to the point (n, e, u), all axes within their speed limits."""
+def seek_position(m: Any, n: float, e: float, u: float, share: float, dt: float) -> None:
+    """Shapes the desired motion straight to the point (n, e, u), all axes within their speed limits.
+
+    `share` is that of the horizontal limit which may be used, 0 to 1.
+    """
     gain = _overspeed(m)
     _advance_ne(m, dt)
     _advance_up(m, dt)
@@ -233,7 +237,7 @@ def seek_position(m: Any, n: float, e: float, u: float, dt: float) -> None:
     if distance > 0.0:
         dn, de, du = dn / distance, de / distance, du / distance
         fastest = kinematic_limit(dn, de, du, m.speed_max, m.speed_up, m.speed_down)
-        flat_max = fastest * math.sqrt(dn * dn + de * de)
+        flat_max = share * fastest * math.sqrt(dn * dn + de * de)
         up_max = abs(fastest * du)
     a[0], a[1] = shape_position_ne(
         n, e, 0.0, 0.0, 0.0, 0.0, p[0], p[1], v[0], v[1], a[0], a[1], flat_max, m.accel_max, m.jerk_max, dt, False

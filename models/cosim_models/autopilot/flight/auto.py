@@ -74,17 +74,19 @@ from cosim_models.autopilot.flight.guided import (
     start_takeoff,
 )
 from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo
+from cosim_models.autopilot.flight.plans.heights import height_to_land, takeoff_height
 from cosim_models.autopilot.flight.plans.order import (
     following_command,
     in_landing_sequence,
     is_nowhere,
+    leg_place,
     next_command,
     place,
     place_after,
-    place_from,
     stays,
 )
 from cosim_models.autopilot.flight.state import disarm
+from cosim_models.autopilot.flight.terrain_following import destination_up
 from cosim_models.autopilot.flight.waypoints import (
     add_leg,
     add_spline,
@@ -123,7 +125,6 @@ from cosim_models.autopilot.mission.missions import (
     P2,
     P3,
     P4,
-    Z,
     mission_count,
     send_reached,
 )
@@ -235,7 +236,7 @@ def _prepare(m: Any) -> None:
 def _go_to(m: Any, n: float, e: float, u: float) -> None:
     """Flies to a point at the speeds that the mission has requested."""
     _prepare(m)
-    set_leg(m, n, e, u)
+    set_leg(m, n, e, u, False)
 
 
 # ---- LOITER_TURNS --------------------------------------------------------------------------------------------------
@@ -305,22 +306,22 @@ def _pass_to(m: Any, row: int) -> None:
     if following < 0:
         return
     command = m.mission[following, COMMAND]
+    g = m.guided_position_neu
+    n, e, u, above = leg_place(m, following, (g[0], g[1], destination_up(m)))
     if command == MAV_CMD_NAV_SPLINE_WAYPOINT:
-        there = place_from(m, following, m.guided_position_neu)
-        then, curved = place_after(m, following, there)
-        add_spline(m, there, then, curved)
+        then, curved = place_after(m, following, (n, e, u), above)
+        add_spline(m, (n, e, u), above, then, curved)
     elif command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_LOITER_TIME):
-        n, e, u = place_from(m, following, m.guided_position_neu)
-        add_leg(m, n, e, u)
+        add_leg(m, n, e, u, above)
 
 
 @kernel
 def _curve_to(m: Any, row: int) -> None:
     """Flies to a waypoint on a spline."""
-    n, e, u = place(m, row)
+    n, e, u, above = leg_place(m, row, m.desired_position_neu)
     _prepare(m)
-    then, curved = place_after(m, row, (n, e, u))
-    set_spline(m, (n, e, u), then, curved)
+    then, curved = place_after(m, row, (n, e, u), above)
+    set_spline(m, (n, e, u), above, then, curved)
     if not stays(m, row):
         _pass_to(m, row)
 
@@ -345,6 +346,22 @@ def _land_here(m: Any) -> None:
 
 
 @kernel
+def _fly_to(m: Any, row: int) -> None:
+    """Flies to the place of an item; a landing begins at the present height."""
+    n, e, u, above = leg_place(m, row, m.desired_position_neu)
+    command = m.mission[row, COMMAND]
+    if command == MAV_CMD_NAV_LAND:
+        u, above = height_to_land(m, row)
+    elif command == MAV_CMD_NAV_LOITER_TO_ALT and above:
+        n, e, u = place(m, row)
+        above = False
+    _prepare(m)
+    set_leg(m, n, e, u, above)
+    if command == MAV_CMD_NAV_WAYPOINT and m.mission[row, P1] <= 0.0:
+        _pass_to(m, row)
+
+
+@kernel
 def _begin(m: Any, row: int, t: float) -> None:
     """Begins a navigation command."""
     command = int(m.mission[row, COMMAND])
@@ -357,7 +374,7 @@ def _begin(m: Any, row: int, t: float) -> None:
     p = m.desired_position_neu
     if command == MAV_CMD_NAV_TAKEOFF and m.on_ground:
         leave_legs(m)
-        start_takeoff(m, max(m.home_neu[2] + m.mission[row, Z], m.position_neu[2] + _LEAST_CLIMB))
+        start_takeoff(m, max(takeoff_height(m, row), m.position_neu[2] + _LEAST_CLIMB))
     elif command == MAV_CMD_NAV_TAKEOFF:
         _, _, up = place(m, row)
         _go_to(m, p[0], p[1], max(up, m.position_neu[2]))  # it never descends
@@ -372,12 +389,7 @@ def _begin(m: Any, row: int, t: float) -> None:
     elif command == MAV_CMD_NAV_LAND and m.mission[row, LATITUDE] == 0.0 and m.mission[row, LATITUDE + 1] == 0.0:
         _land_here(m)
     else:
-        n, e, u = place(m, row)
-        if command == MAV_CMD_NAV_LAND:
-            u = m.home_neu[2] + 0.01 * math.floor(100.0 * (m.position_neu[2] - m.home_neu[2]))  # whole centimetres
-        _go_to(m, n, e, u)
-        if command == MAV_CMD_NAV_WAYPOINT and m.mission[row, P1] <= 0.0:
-            _pass_to(m, row)
+        _fly_to(m, row)
 
 
 @kernel
@@ -519,7 +531,7 @@ def _follow(m: Any, t: float) -> None:
         m.mission_changed = False
         _advance(m, max(m.mission_current, 1), t)
         return
-    if m.auto_command == _FINISHED:
+    if m.auto_command == _FINISHED or m.terrain_missing:
         return
     if _is_done(m, t):
         send_reached(m, m.mission_current)

@@ -35,12 +35,13 @@ from cosim_models.autopilot.control.position import (
     set_limits,
     set_throttle,
     soften_for_landing,
-    stopping_ne,
 )
 from cosim_models.autopilot.control.shaping import clip, sqrt_controller
 from cosim_models.autopilot.flight.angles import run_angle
 from cosim_models.autopilot.flight.avoidance import avoids, slow_at_fences, slow_at_heights
+from cosim_models.autopilot.flight.returning.return_height import return_height, return_source
 from cosim_models.autopilot.flight.state import disarm
+from cosim_models.autopilot.flight.terrain_following import lower, margin_share, raise_up, refer_heights, see_terrain
 from cosim_models.autopilot.flight.waypoints import add_leg, fly_leg, set_leg, start_legs
 from cosim_models.autopilot.flight.yaw import (
     default_nose,
@@ -50,8 +51,15 @@ from cosim_models.autopilot.flight.yaw import (
     stop_turning,
     turn_as_armed,
 )
-from cosim_models.autopilot.mission.fences import HIGHEST
 from cosim_models.autopilot.mission.rally import best_return
+from cosim_models.autopilot.mission.terrain import (
+    BY_RANGE,
+    NO_TERRAIN,
+    height_above_ground,
+    measured_terrain,
+    range_is_healthy,
+    terrain_source,
+)
 from cosim_models.autopilot.record.modes import (
     ACCELERATION,
     ANGLE,
@@ -94,9 +102,6 @@ __all__ = [
 _TAKEOFF_THROTTLE = 0.9
 _BRAKE_ACCEL = 7.5  # m/s2
 _BRAKE_CLIMB = 2.5  # m/s
-_RTL_ALT_MIN = 0.3  # m
-_RTL_CONE_MIN = 0.5
-_FENCE_MARGIN = 2.0  # m by which RTL stays below the highest fence
 
 
 # ---- GUIDED: commands ----------------------------------------------------------------------------------------------
@@ -133,6 +138,7 @@ def _start_control(m: Any) -> None:
     standard_limits(m)
     initialise_ne(m)
     initialise_up(m)
+    m.above_terrain = False
     default_nose(m)
 
 
@@ -156,12 +162,24 @@ def _enter_submode(m: Any, submode: int) -> None:
 
 
 @kernel
-def guide_position(m: Any, n: float, e: float, u: float, t: float) -> None:
-    """Flies to a point in GUIDED."""
+def guide_position(m: Any, n: float, e: float, u: float, above: bool, t: float) -> bool:
+    """Flies to a point in GUIDED; `above`: its height is above the terrain, whose height must be known.
+
+    Returns whether it is; otherwise, the vehicle stops.
+    """
     _enter_submode(m, POSITION)
+    if above and not measured_terrain(m)[0]:
+        guide_stop(m, t)
+        return False
+    if above != m.above_terrain:
+        if above:
+            refer_heights(m, True)
+        else:
+            m.terrain_on = m.above_terrain = False
     default_nose(m)
     m.guided_position_neu[0], m.guided_position_neu[1], m.guided_position_neu[2] = n, e, u
     m.guided_time = t
+    return True
 
 
 @kernel
@@ -195,9 +213,15 @@ def guide_acceleration(m: Any, an: float, ae: float, au: float, t: float) -> Non
 @kernel
 def take_off(m: Any, height: float) -> bool:
     """Takes off in GUIDED to `height` [m above home]; returns False if that is not possible."""
-    if not m.armed or not m.on_ground or m.mode != GUIDED or m.home_neu[2] + height <= m.position_neu[2]:
+    if not m.armed or not m.on_ground or m.mode != GUIDED:
         return False
-    start_takeoff(m, m.home_neu[2] + height)
+    if range_is_healthy(m) and terrain_source(m) == BY_RANGE and height < m.RNGFND1_MAX:
+        up = m.range_terrain + height
+    else:
+        up = m.home_neu[2] + height
+    if up <= m.position_neu[2]:
+        return False
+    start_takeoff(m, up)
     m.auto_armed = True
     return True
 
@@ -210,6 +234,7 @@ def start_takeoff(m: Any, up: float) -> None:
     hold_heading(m)
     m.takeoff_from = m.position_neu[2]
     m.takeoff_to = up
+    m.above_terrain = False
     m.takeoff_done = False
 
 
@@ -226,21 +251,6 @@ def start_land(m: Any) -> None:
 
 
 @kernel
-def _return_height(m: Any, n: float, e: float, height: float) -> float:
-    """Returns the height [m above home] of the return flight to a point (n, e) whose own height is `height`."""
-    now = m.position_neu[2] - m.home_neu[2]
-    least = max(_RTL_ALT_MIN, now + max(0.01 * m.RTL_CLIMB_MIN, 0.0))
-    wanted = max(height, 0.01 * m.RTL_ALT, least)
-    if m.RTL_CONE_SLOPE >= _RTL_CONE_MIN:  # nearby, a full climb is unnecessary
-        here_n, here_e = stopping_ne(m)
-        distance = math.sqrt((here_n - n) ** 2 + (here_e - e) ** 2)
-        wanted = min(wanted, max(distance * m.RTL_CONE_SLOPE, least))
-    if m.FENCE_ENABLE != 0 and (m.FENCE_TYPE & HIGHEST) != 0:
-        wanted = min(wanted, m.FENCE_ALT_MAX - _FENCE_MARGIN)
-    return float(max(wanted, now))
-
-
-@kernel
 def start_rtl(m: Any) -> None:
     """Begins RTL to home or the best rally point: climb, return, wait, descend."""
     _start_control(m)
@@ -253,8 +263,12 @@ def start_rtl(m: Any) -> None:
         m.speed_max = 0.01 * m.RTL_SPEED
     start_legs(m)
     g = m.guided_position_neu
-    set_leg(m, g[0], g[1], m.home_neu[2] + _return_height(m, n, e, height))
-    add_leg(m, n, e, g[2])
+    source = return_source(m)
+    up, above = return_height(m, n, e, height, source), source != NO_TERRAIN
+    if not above:
+        up = m.home_neu[2] + up
+    set_leg(m, g[0], g[1], up, above)
+    add_leg(m, n, e, g[2], above)
 
 
 @kernel
@@ -326,6 +340,19 @@ def run_paused(m: Any, dt: float) -> None:
 
 
 @kernel
+def _seek_above_terrain(m: Any, dt: float) -> None:
+    """Shapes the desired motion to the destination, along the terrain."""
+    p = m.guided_position_neu
+    lower(m)
+    if see_terrain(m):
+        share = margin_share(m, min(m.WPNAV_TER_MARGIN, 0.5 * abs(p[2])))
+        seek_position(m, p[0], p[1], p[2], share, dt)
+    else:
+        m.terrain_missing = True
+    raise_up(m, dt)
+
+
+@kernel
 def run_guided(m: Any, t: float, dt: float) -> None:
     if m.paused:
         run_paused(m, dt)
@@ -349,8 +376,10 @@ def run_guided(m: Any, t: float, dt: float) -> None:
                 m.guided_velocity_neu[i] = 0.0
                 m.guided_acceleration_neu[i] = 0.0
     p, v, a = m.guided_position_neu, m.guided_velocity_neu, m.guided_acceleration_neu
-    if m.submode == POSITION:
-        seek_position(m, p[0], p[1], p[2], dt)
+    if m.submode == POSITION and m.terrain_on:
+        _seek_above_terrain(m, dt)
+    elif m.submode == POSITION:
+        seek_position(m, p[0], p[1], p[2], 1.0, dt)
     elif m.submode == VELOCITY:
         vn, ve, vu = v[0], v[1], v[2]
         if avoids(m):
@@ -392,7 +421,7 @@ def _descend(m: Any, dt: float) -> None:
     """
     slow = 0.01 * m.LAND_SPEED
     fast = 0.01 * m.LAND_SPEED_HIGH if m.LAND_SPEED_HIGH > 0.0 else m.speed_down
-    height = m.position_neu[2] - m.home_neu[2]
+    height = height_above_ground(m)
     low = 0.01 * max(m.LAND_ALT_LOW, 100.0)
     rate = sqrt_controller(low - height, m.PSC_POSZ_P, m.accel_up, dt)
     if m.land_pause > 0.0:
@@ -442,6 +471,7 @@ def start_descent(m: Any) -> None:
     """Begins the descent at the end of RTL: to RTL_ALT_FINAL, or to the ground if that is 0 or the radio is lost."""
     if m.RTL_ALT_FINAL > 0.0 and not m.radio_lost:
         m.rtl_stage = FINAL
+        m.above_terrain = False
         hold_heading(m)
         m.guided_position_neu[2] = m.home_neu[2] + 0.01 * m.RTL_ALT_FINAL
         return
@@ -472,7 +502,7 @@ def run_rtl(m: Any, t: float, dt: float) -> None:
     if m.rtl_stage == CLIMB:
         if m.leg_reached:
             m.rtl_stage = RETURN
-            set_leg(m, m.rtl_place[0], m.rtl_place[1], m.guided_position_neu[2])
+            set_leg(m, m.rtl_place[0], m.rtl_place[1], m.guided_position_neu[2], m.above_terrain)
             default_nose(m)
     elif m.rtl_stage == RETURN:
         if m.leg_reached:

@@ -16,6 +16,7 @@ from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITE
 from cosim_models.autopilot.control.shaping import lowpass_alpha
 from cosim_models.autopilot.flight.returning.breadcrumbs import forget_path
 from cosim_models.autopilot.mission.missions import forget_jumps
+from cosim_models.autopilot.mission.terrain import refer_terrain
 from cosim_models.autopilot.record.modes import (
     ACRO,
     AUTO,
@@ -97,6 +98,7 @@ def arm(m: Any, t: float) -> None:
         for i in range(3):
             m.home_neu[i] = m.position_neu[i]
     m.land_time = 0.0
+    refer_terrain(m)
     forget_path(m, t, position_ready(m, t))
 
 

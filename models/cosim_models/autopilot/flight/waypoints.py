@@ -6,8 +6,9 @@ WPNAV_RADIUS, not faster than on either leg, and that cornering stays within WPN
 slower while the vehicle lags behind and while the flight is paused. When a limit of the speed changes, a leg that has
 begun is planned anew; the vehicle goes on at its place with its speed, which then moves to that of the plan (ArduCopter
 inserts S-curves there). A leg that is a spline is passed at the speed that its curvature and that of its neighbours
-permit; a straight one before or after it ends or begins at that speed. Kernels over the autopilot's record `m`; rows of
-m.legs are the last leg, this one, and the next, those of m.splines this one and the next.
+permit; a straight one before or after it ends or begins at that speed. Heights of a leg are above the local origin, or
+above the terrain (`terrain_following`); a leg of the other kind begins from rest. Kernels over the autopilot's record
+`m`; rows of m.legs are the last leg, this one, and the next, those of m.splines this one and the next.
 
 Source: ArduPilot, AC_WPNav, SplineCurve and SCurve (advance_target_along_track), 4.5 to 4.7-dev.
 """
@@ -52,6 +53,14 @@ from cosim_models.autopilot.control.scurve import (
 )
 from cosim_models.autopilot.control.shaping import clip, inverse_sqrt_controller, shape_velocity, sqrt_controller
 from cosim_models.autopilot.control.spline import DIRECTION, FIRST_SPEED, LAST_SPEED, follow_spline, plan_spline
+from cosim_models.autopilot.flight.terrain_following import (
+    lower,
+    margin_share,
+    note_terrain,
+    raise_up,
+    refer_heights,
+    see_terrain,
+)
 from cosim_models.autopilot.flight.yaw import lean
 
 __all__ = [
@@ -94,6 +103,7 @@ def start_legs_at(m: Any, n: float, e: float, u: float) -> None:
     m.leg_origin[0], m.leg_origin[1], m.leg_origin[2] = n, e, u
     g = m.guided_position_neu
     g[0], g[1], g[2] = n, e, u
+    m.above_terrain = False
     m.legs_active = True
     m.leg_reached = True
     m.leg_fast = False
@@ -123,17 +133,32 @@ def _plan(m: Any, which: int, n: float, e: float, u: float) -> None:
 
 
 @kernel
-def set_leg(m: Any, n: float, e: float, u: float) -> None:
-    """Flies to a place, where the vehicle stops unless `add_leg` follows."""
+def _begin_leg(m: Any, above: bool) -> bool:
+    """Begins a leg at the last destination; returns False if its height above the terrain is unknown."""
+    g, begin = m.guided_position_neu, m.leg_origin
+    begin[0], begin[1], begin[2] = g[0], g[1], g[2]
+    if above == m.above_terrain:
+        for i in range(LEG):
+            m.legs[_LAST, i] = m.legs[_THIS, i]
+        return True
+    known, up = refer_heights(m, above)
+    if known:
+        begin[2] += -up if above else up
+        clear_leg(m.legs[_LAST])
+    return known
+
+
+@kernel
+def set_leg(m: Any, n: float, e: float, u: float, above: bool) -> None:
+    """Flies to a place, where the vehicle stops unless `add_leg` follows; `above`: the height is above the terrain."""
     follows = bool(m.leg_curved)
     if m.leg_fast and not follows:
         follows = abs(n - m.leg_next[0]) + abs(e - m.leg_next[1]) + abs(u - m.leg_next[2]) < _SAME
     if not m.legs_active or not m.leg_reached or (m.leg_fast and not follows):
         start_legs(m)
     g, begin = m.guided_position_neu, m.leg_origin
-    begin[0], begin[1], begin[2] = g[0], g[1], g[2]
-    for i in range(LEG):
-        m.legs[_LAST, i] = m.legs[_THIS, i]
+    if not _begin_leg(m, above):
+        return
     g[0], g[1], g[2] = n, e, u
     following = m.legs[_NEXT]
     if m.leg_curved:
@@ -152,8 +177,10 @@ def set_leg(m: Any, n: float, e: float, u: float) -> None:
 
 
 @kernel
-def add_leg(m: Any, n: float, e: float, u: float) -> None:
-    """Makes the vehicle pass the destination on its way to the next one."""
+def add_leg(m: Any, n: float, e: float, u: float, above: bool) -> None:
+    """Makes the vehicle pass the destination on its way to the next one, if both heights are of one kind."""
+    if above != m.above_terrain:
+        return
     g = m.guided_position_neu
     _plan(m, _NEXT, n - g[0], e - g[1], u - g[2])
     m.leg_next[0], m.leg_next[1], m.leg_next[2] = n, e, u
@@ -199,25 +226,29 @@ def _put_begin(m: Any) -> None:
 
 
 @kernel
-def set_spline(m: Any, place: tuple[float, float, float], then: tuple[float, float, float], curved: bool) -> None:
+def set_spline(
+    m: Any, place: tuple[float, float, float], above: bool, then: tuple[float, float, float], curved: bool
+) -> None:
     """Flies to a place on a spline, and passes it if there is a place after it.
 
     Args:
         m: the record.
         place: north, east and up.
-        then: the place after it, or the same place to stop there.
+        above: whether the height is above the terrain.
+        then: the place after it, of the same kind, or the same place to stop there.
         curved: whether a spline leads to that.
     """
     if not m.legs_active or not m.leg_reached:
         start_legs(m)
     ends = m.spline_ends[0]
-    if m.leg_fast:
+    if m.leg_fast and above == m.above_terrain:
         _put_begin(m)
     else:
         ends[0, 0], ends[0, 1], ends[0, 2] = 0.0, 0.0, 0.0
     g, origin = m.guided_position_neu, m.leg_origin
+    if not _begin_leg(m, above):
+        return
     for i in range(3):
-        origin[i] = g[i]
         g[i] = place[i]
         clear_leg(m.legs[i])
     m.leg_fast = _put_direction(m, 0, origin if curved else g, then)
@@ -228,8 +259,12 @@ def set_spline(m: Any, place: tuple[float, float, float], then: tuple[float, flo
 
 
 @kernel
-def add_spline(m: Any, place: tuple[float, float, float], then: tuple[float, float, float], curved: bool) -> None:
+def add_spline(
+    m: Any, place: tuple[float, float, float], above: bool, then: tuple[float, float, float], curved: bool
+) -> None:
     """Makes the vehicle pass the destination on its way to the next one, on a spline; arguments as for `set_spline`."""
+    if above != m.above_terrain:
+        return
     _put_begin(m)
     for i in range(3):
         m.leg_next[i] = place[i]
@@ -380,12 +415,12 @@ def _advance_clocks(m: Any, dt: float) -> bool:
 
 
 @kernel
-def _pause_share(m: Any, dt: float) -> float:
-    """Returns the factor on all speeds, which falls to 0 while the flight is paused."""
-    if not m.paused and m.leg_speed == m.leg_speed_full and m.leg_accel == 0.0:
+def _pause_share(m: Any, most: float, dt: float) -> float:
+    """Returns the factor on all speeds, which falls to 0 while the flight is paused, and to `most` otherwise."""
+    if not m.paused and m.leg_speed == m.leg_speed_full and m.leg_accel == 0.0 and most == 1.0:
         return 1.0
     accel = m.accel_max
-    wanted = 0.0 if m.paused else m.leg_speed_full
+    wanted = 0.0 if m.paused else most * m.leg_speed_full
     m.leg_speed += m.leg_accel * dt
     m.leg_accel = shape_velocity(wanted, 0.0, m.leg_speed, m.leg_accel, -accel, accel, m.jerk_max, dt, True)
     return clip(m.leg_speed / m.leg_speed_full, 0.0, 1.0) if m.leg_speed_full > 0.0 else 1.0
@@ -409,10 +444,18 @@ def _straight(m: Any, share: float, dt: float) -> bool:
 
 
 @kernel
-def advance_legs(m: Any, dt: float) -> None:
-    """Sets the desired motion one step further along the legs, and m.leg_reached."""
+def _is_near(m: Any) -> bool:
+    g, p = m.guided_position_neu, m.position_neu
+    up = p[2] - m.terrain_target if m.terrain_on else p[2]
+    away = (g[0] - p[0]) ** 2 + (g[1] - p[1]) ** 2 + (g[2] - up) ** 2
+    return bool(away <= (0.01 * m.WPNAV_RADIUS) ** 2)
+
+
+@kernel
+def _advance(m: Any, most: float, dt: float) -> None:
+    """Sets the desired motion one step further along the legs, at the share `most` of the speed."""
     m.leg_rate += (_lag(m) - m.leg_rate) * min(dt * m.WPNAV_JERK / m.accel_max, 1.0)
-    share = _pause_share(m, dt)
+    share = _pause_share(m, most, dt)
     target = m.leg_target
     if m.leg_curved:
         ended = follow_spline(m.splines[0], target, _desired_speed(m), m.leg_rate * share * dt, _limits(m))
@@ -429,10 +472,17 @@ def advance_legs(m: Any, dt: float) -> None:
 
 
 @kernel
-def _is_near(m: Any) -> bool:
-    g, p = m.guided_position_neu, m.position_neu
-    away = (g[0] - p[0]) ** 2 + (g[1] - p[1]) ** 2 + (g[2] - p[2]) ** 2
-    return bool(away <= (0.01 * m.WPNAV_RADIUS) ** 2)
+def advance_legs(m: Any, dt: float) -> None:
+    """Sets the desired motion one step further along the legs, and m.leg_reached."""
+    if not m.terrain_on:
+        _advance(m, 1.0, dt)
+        return
+    lower(m)
+    known = see_terrain(m)
+    note_terrain(m, known, dt)
+    if known:
+        _advance(m, margin_share(m, m.WPNAV_TER_MARGIN), dt)
+    raise_up(m, dt)
 
 
 @kernel

@@ -38,6 +38,9 @@ __all__ = [
     "TUNE_TESTING_END",
     "say_all",
     "say_rest",
+    "BAROMETER_CALIBRATED",
+    "READY",
+    "ELEVATION",
     "ACCELS_INCONSISTENT",
     "ACRO_TOO_HIGH",
     "AHRS_TYPE",
@@ -206,6 +209,21 @@ __all__ = [
     "say_here",
     "say_with",
     "send_texts",
+    "TERRAIN_LOST",
+    "RTL_RESTARTS",
+    "RTL_NO_TERRAIN",
+    "RTL_NO_RANGE",
+    "LAND_NO_TERRAIN",
+    "ARM_TERRAIN",
+    "PREARM_TERRAIN",
+    "ARM_RTL_TERRAIN",
+    "ARM_RTL_TERRAIN_END",
+    "PREARM_RTL_TERRAIN",
+    "PREARM_RTL_TERRAIN_END",
+    "ARM_RTL_RANGE",
+    "ARM_RTL_RANGE_END",
+    "PREARM_RTL_RANGE",
+    "PREARM_RTL_RANGE_END",
 ]
 
 EMERGENCY, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = 0, 2, 3, 4, 5, 6, 7  # MAV_SEVERITY
@@ -371,6 +389,24 @@ ARM_CHUTE = _text(b"Arm: Chute has no relay")
 PREARM_CHUTE = _text(b"PreArm: Chute has no relay")
 LOG_DISARM = _text(b"Disarm for log download")
 FENCE_CLEARED = _text(b"Fence breach cleared")
+BAROMETER_CALIBRATED = _text(b"Barometer % calibration complete")
+READY = _text(b"ArduPilot Ready")
+ELEVATION = _text(b"Field Elevation Set: %m")
+TERRAIN_LOST = _text(b"Failsafe: Terrain data missing")
+RTL_RESTARTS = _text(b"Restarting RTL - Terrain data missing")
+RTL_NO_TERRAIN = _text(b"RTL: no terrain data, using alt-above-home")
+RTL_NO_RANGE = _text(b"RTL: rangefinder unhealthy, using alt-above-home")
+LAND_NO_TERRAIN = _text(b"Land: no terrain data, using alt-above-home")
+ARM_TERRAIN = _text(b"Arm: terrain disabled")
+PREARM_TERRAIN = _text(b"PreArm: terrain disabled")
+ARM_RTL_TERRAIN = _part(b"Arm: RTL_ALT_TYPE is above-terrain but no terrain ", 0)
+ARM_RTL_TERRAIN_END = _part(b"data", 1)
+PREARM_RTL_TERRAIN = _part(b"PreArm: RTL_ALT_TYPE is above-terrain but no terra", 0)
+PREARM_RTL_TERRAIN_END = _part(b"in data", 1)
+ARM_RTL_RANGE = _part(b"Arm: RTL_ALT_TYPE is above-terrain but RTL_ALT (in", 0)
+ARM_RTL_RANGE_END = _part(b" cm) above RNGFND_MAX (in metres)", 1)
+PREARM_RTL_RANGE = _part(b"PreArm: RTL_ALT_TYPE is above-terrain but RTL_ALT ", 0)
+PREARM_RTL_RANGE_END = _part(b"(in cm) above RNGFND_MAX (in metres)", 1)
 CRASHED = _text(b"Crash: Disarming: AngErr=%>30, Accel=~<3.0")
 EKF_ALT_HOLD = _text(b"EKF Failsafe: changed to ALT_HOLD Mode")
 EKF_CLEARED = _text(b"EKF Failsafe Cleared")

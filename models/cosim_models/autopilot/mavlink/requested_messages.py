@@ -53,6 +53,7 @@ from cosim.messages import (
 from cosim_models.autopilot.commander.battery import battery_remaining
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.state import landed_state, position_ready, reported_mode
+from cosim_models.autopilot.flight.terrain_following import destination_up
 from cosim_models.autopilot.link.links import can_answer, microseconds, milliseconds, send
 from cosim_models.autopilot.link.statustext import ERROR, LOG_DISARM, NO_NUMBER, say_here
 from cosim_models.autopilot.mavlink.sensor_messages import fill_pressure, fill_scaled_imu, pressure
@@ -180,7 +181,7 @@ def _send_summary(m: Any, t: float) -> bool:
     if going(m):
         n, e = m.guided_position_neu[0] - m.position_neu[0], m.guided_position_neu[1] - m.position_neu[1]
         bearing, distance = math.degrees(math.atan2(e, n)) % 360.0, math.sqrt(n * n + e * e)
-        higher = m.guided_position_neu[2] - m.position_neu[2]
+        higher = destination_up(m) - m.position_neu[2]
     wind = math.sqrt(m.wind_ne[0] ** 2 + m.wind_ne[1] ** 2)
     blows = math.degrees(math.atan2(-m.wind_ne[1], -m.wind_ne[0])) % 360.0
     celsius = pressure(m)[1]

@@ -58,6 +58,7 @@ from cosim.messages import (
     MAV_CMD_IMAGE_STOP_CAPTURE,
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_PREFLIGHT_CALIBRATION,
+    MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
     MAV_CMD_PREFLIGHT_STORAGE,
     MAV_CMD_RUN_PREARM_CHECKS,
     MAV_CMD_SCRIPTING,
@@ -85,6 +86,7 @@ from cosim_models.autopilot.commander.mode_requests import (
     start_landing_sequence,
 )
 from cosim_models.autopilot.commander.readiness import home_ready
+from cosim_models.autopilot.commander.reboot import ask_to_reboot
 from cosim_models.autopilot.commander.switches import return_to_switch
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.assisted.zigzag import return_to_pilot, store_or_go
@@ -406,7 +408,7 @@ def _tell_wind(m: Any, speed: float, direction: float) -> int:
 
 
 @kernel
-def _obey_station(m: Any, command: int, p1: float, p2: float, p3: float, x: int, t: float) -> int:
+def _obey_station(m: Any, command: int, p1: float, p2: float, p3: float, x: int, y: int, t: float) -> int:
     """Handles commands on the vehicle's equipment; returns a MAV_RESULT."""
     if command == MAV_CMD_DO_SEND_BANNER:
         send_banner(m)
@@ -421,6 +423,8 @@ def _obey_station(m: Any, command: int, p1: float, p2: float, p3: float, x: int,
     if command == MAV_CMD_CONTROL_HIGH_LATENCY:
         say(m, NOTICE, HIGH_LATENCY_ON if p1 == 1.0 else HIGH_LATENCY_OFF, NO_NUMBER)
         return MAV_RESULT_ACCEPTED
+    if command == MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
+        return ask_to_reboot(m, p1, y, t)
     if command == MAV_CMD_PREFLIGHT_STORAGE:
         if p1 != 2.0:
             return MAV_RESULT_UNSUPPORTED
@@ -500,4 +504,4 @@ def obey(
         return MAV_RESULT_FAILED
     if command in (MAV_CMD_SOLO_BTN_FLY_CLICK, MAV_CMD_SOLO_BTN_FLY_HOLD, MAV_CMD_SOLO_BTN_PAUSE_CLICK):
         return _press(m, command, p1, t)
-    return _obey_station(m, command, p1, p2, p3, x, t)
+    return _obey_station(m, command, p1, p2, p3, x, y, t)

@@ -40,6 +40,7 @@ from cosim.packets import clear, put_u8, put_u16, put_u32
 from cosim_models.autopilot.commander.battery import battery_remaining
 from cosim_models.autopilot.control.position import GRAVITY
 from cosim_models.autopilot.flight.sticks import channel
+from cosim_models.autopilot.flight.terrain_following import destination_up
 from cosim_models.autopilot.link.links import microseconds, milliseconds, send
 from cosim_models.autopilot.mavlink.sensor_messages import short
 from cosim_models.autopilot.record.modes import AUTO, GUIDED, POSITION, RTL, SMART_RTL
@@ -76,7 +77,9 @@ def send_destination(m: Any, t: float) -> bool:
     if not going(m):
         return True
     p = m.guided_position_neu
-    lat, lon, alt = geodetic_from_local(p[0], p[1], -p[2], m.origin_latitude, m.origin_longitude, m.origin_altitude)
+    lat, lon, alt = geodetic_from_local(
+        p[0], p[1], -destination_up(m), m.origin_latitude, m.origin_longitude, m.origin_altitude
+    )
     encode_position_target_global_int(
         m.payload,
         milliseconds(t),
@@ -104,7 +107,21 @@ def send_destination_ned(m: Any, t: float) -> bool:
         return True
     p = m.guided_position_neu
     encode_position_target_local_ned(
-        m.payload, milliseconds(t), 1, _ONLY_POSITION, p[0], p[1], -p[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        m.payload,
+        milliseconds(t),
+        1,
+        _ONLY_POSITION,
+        p[0],
+        p[1],
+        -destination_up(m),
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
     )
     return send(m, POSITION_TARGET_LOCAL_NED)
 
@@ -121,7 +138,7 @@ def send_navigation(m: Any) -> bool:
         n, e = m.guided_position_neu[0] - m.position_neu[0], m.guided_position_neu[1] - m.position_neu[1]
         distance = math.sqrt(n * n + e * e)
         bearing = math.degrees(math.atan2(e, n)) % 360.0
-        climb = m.guided_position_neu[2] - m.position_neu[2]
+        climb = destination_up(m) - m.position_neu[2]
     whole = int(bearing)
     encode_nav_controller_output(
         m.payload, math.degrees(roll), math.degrees(pitch), whole, whole, int(min(distance, 65535.0)), climb, 0.0, 0.0

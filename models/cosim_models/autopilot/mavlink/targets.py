@@ -1,8 +1,8 @@
 """Reception of targets: SET_POSITION_TARGET_*, SET_ATTITUDE_TARGET, DO_REPOSITION, mission items with current 2 or 3.
 
 Targets count in GUIDED only and are not answered, except DO_REPOSITION and mission items. A target beyond an enabled
-fence is refused, as ArduCopter refuses it. Heights above terrain become heights above the terrain at the place. Kernels
-over the autopilot's record `m`.
+fence is refused, as ArduCopter refuses it. A point whose height is above the terrain is flown to along the terrain;
+elsewhere, such heights become heights above the terrain at the place. Kernels over the autopilot's record `m`.
 
 Sources: MAVLink common.xml; ArduPilot, GCS_MAVLink_Copter and ArduCopter mode_guided.
 """
@@ -118,7 +118,9 @@ def reposition(m: Any, frame: int, flags: float, lat: int, lon: int, altitude: f
         return MAV_RESULT_FAILED
     if m.mode != GUIDED and change_mode(m, GUIDED, t) != MAV_RESULT_ACCEPTED:
         return MAV_RESULT_FAILED
-    guide_position(m, n, e, u, t)
+    above = reference == _TERRAIN
+    if not guide_position(m, n, e, altitude if above else u, above, t):
+        return MAV_RESULT_FAILED
     return MAV_RESULT_ACCEPTED
 
 
@@ -142,6 +144,7 @@ def _guide(
     n: float,
     e: float,
     u: float,
+    above: bool,
     vn: float,
     ve: float,
     vu: float,
@@ -153,7 +156,10 @@ def _guide(
     relative: bool,
     t: float,
 ) -> None:
-    """Applies a target of SET_POSITION_TARGET_*, in local axes; unsupported combinations stop the vehicle."""
+    """Applies a target of SET_POSITION_TARGET_*, in local axes; unsupported combinations stop the vehicle.
+
+    `above`: the height is one above the terrain.
+    """
     position = (mask & _NO_POSITION) == 0
     velocity = (mask & _NO_VELOCITY) == 0
     acceleration = (mask & _NO_ACCELERATION) == 0
@@ -170,7 +176,11 @@ def _guide(
     if velocity and max(abs(vn), abs(ve), abs(vu)) > _FASTEST:
         guide_stop(m, t)
         return
-    if position and (velocity or not acceleration) and not permits(m, n, e, u - m.home_neu[2]):
+    if position and velocity and above:  # as in ArduCopter
+        guide_stop(m, t)
+        return
+    up = u + terrain_above_origin(m, n, e) if above else u
+    if position and (velocity or not acceleration) and not permits(m, n, e, up - m.home_neu[2]):
         return
     if not acceleration:
         an, ae, au = 0.0, 0.0, 0.0
@@ -182,7 +192,8 @@ def _guide(
     elif acceleration and not position:
         guide_acceleration(m, an, ae, au, t)
     elif position and not acceleration:
-        guide_position(m, n, e, u, t)
+        if not guide_position(m, n, e, u, above, t):
+            return
     else:
         guide_stop(m, t)
         return
@@ -213,7 +224,7 @@ def hear_local_target(m: Any, t: float) -> None:
     up = -z
     if frame != 1:
         x, y, up = x + m.position_neu[0], y + m.position_neu[1], up + m.position_neu[2]
-    _guide(m, mask, x, y, up, vx, vy, -vz, ax, ay, -az, yaw, yaw_rate, body, t)
+    _guide(m, mask, x, y, up, False, vx, vy, -vz, ax, ay, -az, yaw, yaw_rate, body, t)
 
 
 @kernel
@@ -224,14 +235,16 @@ def hear_global_target(m: Any, t: float) -> None:
     )
     if m.mode != GUIDED:
         return
-    n, e, u = 0.0, 0.0, 0.0
+    n, e, u, above = 0.0, 0.0, 0.0, False
     if (mask & _NO_POSITION) == 0:
         reference = altitude_reference(m, frame)
         if reference < 0 or not is_place(lat, lon):
             guide_stop(m, t)
             return
         n, e, u = locate(m, lat, lon, alt, reference)
-    _guide(m, mask, n, e, u, vx, vy, -vz, ax, ay, -az, yaw, yaw_rate, False, t)
+        above = reference == _TERRAIN
+        u = alt if above else u
+    _guide(m, mask, n, e, u, above, vx, vy, -vz, ax, ay, -az, yaw, yaw_rate, False, t)
 
 
 @kernel
@@ -258,8 +271,8 @@ def hear_guided_item(m: Any, current: int, frame: int, lat: float, lon: float, z
         n, e, u = locate(m, int(lat), int(lon), z, reference)
     if not permits(m, n, e, u - m.home_neu[2]):
         return False
-    guide_position(m, n, e, u, t)
-    return True
+    above = reference == _TERRAIN
+    return guide_position(m, n, e, z if above else u, above, t)
 
 
 # ---- attitudes -----------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from cosim_models.autopilot.commander.readiness import home_ready
 from cosim_models.autopilot.flight.state import reported_mode
 from cosim_models.autopilot.flight.tuning.autotune import settle_tune
 from cosim_models.autopilot.link.links import LINKS
-from cosim_models.autopilot.link.statustext import DISARMING, INFO, NO_NUMBER, say, send_texts
+from cosim_models.autopilot.link.statustext import DISARMING, ELEVATION, INFO, NO_NUMBER, say, send_texts
 from cosim_models.autopilot.mavlink.file_transfer import continue_burst
 from cosim_models.autopilot.mavlink.messages import send_heartbeat, send_home, send_message, send_origin
 from cosim_models.autopilot.mavlink.parameters import PARAMETER_COUNT, send_list, tell_saved
@@ -114,6 +114,9 @@ def _tell_home(m: Any, t: float) -> None:
         m.link = link
         told = send_origin(m, t) and send_home(m, t) and told
     m.told_home = told
+    if m.tells_elevation:
+        m.tells_elevation = False
+        say(m, INFO, ELEVATION, max(int(m.origin_altitude + m.home_neu[2] + 0.5), 0))
 
 
 @kernel

@@ -47,13 +47,17 @@ INT8 = frozenset(
         "RCMAP_ROLL",
         "RCMAP_THROTTLE",
         "RCMAP_YAW",
+        "RNGFND1_TYPE",
+        "RTL_ALT_TYPE",
         "SIM_GPS1_ENABLE",
         "SIM_GPS1_JAM",
         "SIM_RC_FAIL",
         "SIM_WIND_T",
+        "TERRAIN_ENABLE",
         "THROW_MOT_START",
         "THROW_NEXTMODE",
         "THROW_TYPE",
+        "WPNAV_RFND_USE",
         "WP_YAW_BEHAVIOR",
     ]
 )

@@ -340,11 +340,14 @@ SENSOR_PARAMETERS = _rare(
     _whole("FS_VIBE_ENABLE", 1, "1: height control without the accelerometer when vibration spoils the estimate", 0, 1),
     _whole("SIM_GPS1_ENABLE", 1, "GPS: 0 gives no position", 0, 1),
     _whole("SIM_GPS1_JAM", 0, "GPS: 1 is jammed", 0, 1),
-    _real("gps_jamming_radius", "m", 0.0, "GPS: radius of an area in which it is jammed; 0: none", 0.0),
-    _real("gps_jamming_north", "m", 0.0, "GPS: centre of that area"),
-    _real("gps_jamming_east", "m", 0.0, "GPS: centre of that area"),
-    _real("gps_jamming_start", "s", 0.0, "GPS: beginning of the jamming there", 0.0),
-    _real("gps_jamming_stop", "s", 1e9, "GPS: end of the jamming there", 0.0),
+    replace(
+        _real("gps_jamming_radius", "m", 0.0, "GPS: radius of an area in which it is jammed; 0: none", 0.0),
+        verdict=Role.JAMMED_RADIUS,
+    ),
+    replace(_real("gps_jamming_north", "m", 0.0, "GPS: centre of that area"), verdict=Role.JAMMED_NORTH),
+    replace(_real("gps_jamming_east", "m", 0.0, "GPS: centre of that area"), verdict=Role.JAMMED_EAST),
+    replace(_real("gps_jamming_start", "s", 0.0, "GPS: beginning of the jamming there", 0.0), verdict=Role.JAMMED_FROM),
+    replace(_real("gps_jamming_stop", "s", 1e9, "GPS: end of the jamming there", 0.0), verdict=Role.JAMMED_UNTIL),
     _signed("SIM_GPS1_GLTCH_X", "deg", 0.0, "GPS: error of the latitude in degrees", 90.0),
     _signed("SIM_GPS1_GLTCH_Y", "deg", 0.0, "GPS: error of the longitude in degrees", 90.0),
     _signed("SIM_GPS1_GLTCH_Z", "m", 0.0, "GPS: error of the altitude", 1e5),
@@ -381,6 +384,16 @@ SENSOR_PARAMETERS = _rare(
 )
 
 TERRAIN_PARAMETERS = _rare(
+    _whole("TERRAIN_ENABLE", 1, "0: there is no database of terrain", 0, 1),
+    _real("TERRAIN_OFS_MAX", "m", 30.0, "greatest shift of the terrain to the place of arming", 0.0),
+    _real("WPNAV_TER_MARGIN", "m", 10.0, "error of the height above terrain at which the way is stopped", 0.0),
+    _whole("WPNAV_RFND_USE", 1, "1: terrain is followed by the rangefinder, if there is one", 0, 1),
+    _whole("RTL_ALT_TYPE", 0, "RTL_ALT is 0 above home, 1 above the terrain", 0, 1),
+    _whole("RNGFND1_TYPE", 0, "rangefinder that looks down: 0 none, 100 simulated; read at the start", 0, 127),
+    _real("RNGFND1_MIN", "m", 0.2, "rangefinder: least distance", 0.0),
+    _real("RNGFND1_MAX", "m", 7.0, "rangefinder: greatest distance", 0.0),
+    _real("RNGFND_FILT", "Hz", 0.5, "rangefinder: filter of the distance, 0: none", 0.0),
+    _real("SURFTRAK_TC", "s", 1.0, "rangefinder: time constant of the terrain's height", 0.0),
     _real("terrain_spacing", "m", 0.0, "distance of the points of the terrain's grid; 0: a plane", 0.0),
     Parameter("terrain_origin", shape=2, unit="m", start=0.0, description="the grid's first point, north and east"),
     Parameter(

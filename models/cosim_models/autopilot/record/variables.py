@@ -98,6 +98,10 @@ MEMORY = (
     Memory("flights", dtype="i4", rare=True),
     Memory("wind_ne", shape=2, rare=True),  # m/s, as told
     Memory("idle_since"),
+    Memory("booted_at"),  # of the run; all other times count from it
+    Memory("rebooting", dtype="?"),  # a reboot is due, or its silence
+    Memory("restart_at", rare=True),  # -1: the restart has been
+    Memory("tells_elevation", dtype="?", rare=True),
     Memory("arming_delay", dtype="?"),
     Memory("auto_armed", dtype="?"),
     Memory("touched", dtype="?"),
@@ -109,6 +113,28 @@ MEMORY = (
     Memory("guided_acceleration_neu", shape=3),
     Memory("guided_time"),
     Memory("paused", dtype="?"),
+    # terrain
+    Memory("above_terrain", dtype="?"),  # the height of guided_position_neu is above it
+    Memory("terrain_on", dtype="?"),  # terrain_shift is in use
+    Memory("terrain_shift", shape=3, rare=True),  # of the path: height, speed, acceleration
+    Memory("terrain_target", rare=True),  # height to which it moves
+    Memory("terrain_reference", rare=True),  # of the grid above the local origin
+    Memory("terrain_referred", dtype="?", rare=True),
+    Memory("terrain_missing", dtype="?", rare=True),  # a destination cannot be flown to
+    Memory("terrain_gap", rare=True),  # s for which the height has been unknown, and known again
+    Memory("terrain_good", rare=True),
+    State("terrain_failsafe", type=bool, description="whether the fail-safe of missing terrain is on"),
+    Memory("ranging", dtype="?"),  # there is a rangefinder
+    Memory("ground_reference", rare=True),  # height of the ground at the start, of the grid's zero with a grid
+    Memory("range_due", rare=True),
+    Memory("range_count", dtype="i4", rare=True),  # good measurements in a row
+    Memory("range_good_at", rare=True),
+    Memory("range_height", rare=True),  # last measurement that did not jump
+    Memory("range_jumps", dtype="i4", rare=True),
+    Memory("range_filtered", rare=True),
+    Memory("range_from", rare=True),  # height of the vehicle at the last measurement
+    Memory("range_terrain", rare=True),  # filtered height of the terrain above the local origin
+    Memory("range_trusted", dtype="?", rare=True),
     Memory("angle_q", shape=4, rare=True),  # attitude demanded by SET_ATTITUDE_TARGET
     Memory("angle_free", dtype="?", rare=True),  # it demands only angular velocities
     Memory("angle_rates", shape=3, rare=True),

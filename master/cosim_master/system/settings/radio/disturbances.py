@@ -24,13 +24,17 @@ class Partition:
 
 @dataclass(frozen=True, slots=True)
 class Jamming:
-    """Nodes within `radius` of a place [m], at any height, do not hear anything between start and stop [s]."""
+    """Nodes within `radius` of a place [m], at any height, do not hear anything between start and stop [s].
+
+    With `gps`, satellite navigation is jammed there, too.
+    """
 
     north: float
     east: float
     radius: float
     start: float
     stop: float
+    gps: bool = False
 
 
 def read_partition(child: Attributes, nodes: Sequence[Node]) -> Partition:
@@ -68,10 +72,11 @@ def read_jamming(child: Attributes) -> Jamming:
     north, east = (child.number(name, 0.0, -1e9, 1e9) for name in ("north", "east"))
     radius = child.number("radius", 0.0, 0.0, 1e9)
     start, stop = _span(child, "jamming")
+    gps = child.choice("gps", "false", ("true", "false")) == "true"
     child.finish()
     if radius <= 0.0:
         child.problem("jamming needs a radius, in m")
-    return Jamming(north, east, radius, start, stop)
+    return Jamming(north, east, radius, start, stop, gps)
 
 
 def _span(child: Attributes, what: str) -> tuple[float, float]:

@@ -66,7 +66,7 @@ def store_or_go(m: Any, which: int) -> None:
     to_n, to_e = p[0] + along * n, p[1] + along * e
     standard_limits(m)
     start_legs(m)
-    set_leg(m, to_n, to_e, up)
+    set_leg(m, to_n, to_e, up, False)
     m.zigzag_moving = True
     say(m, INFO, ZIGZAG_MOVING_A if which == 0 else ZIGZAG_MOVING_B, NO_NUMBER)
 

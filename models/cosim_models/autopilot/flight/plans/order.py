@@ -27,8 +27,10 @@ from cosim_models.autopilot.mission.terrain import terrain_above_origin
 __all__ = [
     "following_command",
     "in_landing_sequence",
+    "is_above_terrain",
     "is_nowhere",
     "landing_sequence",
+    "leg_place",
     "next_command",
     "place",
     "place_after",
@@ -66,6 +68,21 @@ def place_from(m: Any, row: int, p: Any) -> tuple[float, float, float]:
     elif r[Z] != 0.0 or r[COMMAND] == MAV_CMD_NAV_WAYPOINT:
         u = r[Z] + m.home_neu[2]
     return n, e, u
+
+
+@kernel
+def is_above_terrain(m: Any, row: int) -> bool:
+    """Returns whether the height of an item is above the terrain."""
+    return bool(m.mission[row, FRAME] == 10.0 or m.mission[row, FRAME] == 11.0)
+
+
+@kernel
+def leg_place(m: Any, row: int, p: Any) -> tuple[float, float, float, bool]:
+    """Like `place_from`, but a height above the terrain remains one; returns also whether it is one."""
+    n, e, u = place_from(m, row, p)
+    if is_above_terrain(m, row):
+        return n, e, m.mission[row, Z], True
+    return n, e, u, False
 
 
 @kernel
@@ -129,12 +146,20 @@ def stays(m: Any, row: int) -> bool:
 
 
 @kernel
-def place_after(m: Any, row: int, here: tuple[float, float, float]) -> tuple[tuple[float, float, float], bool]:
-    """Returns the place after a spline's, which is `here`, and whether a spline leads there."""
+def place_after(
+    m: Any, row: int, here: tuple[float, float, float], above: bool
+) -> tuple[tuple[float, float, float], bool]:
+    """Returns the place after a spline's, which is `here`, and whether a spline leads there.
+
+    A place whose height is of the other kind, above the terrain or not, is no such place.
+    """
     following = -1 if stays(m, row) else following_command(m, row)
     if following < 0:
         return here, False
-    return place_from(m, following, here), bool(m.mission[following, COMMAND] == MAV_CMD_NAV_SPLINE_WAYPOINT)
+    n, e, u, also = leg_place(m, following, here)
+    if also != above:
+        return here, False
+    return (n, e, u), bool(m.mission[following, COMMAND] == MAV_CMD_NAV_SPLINE_WAYPOINT)
 
 
 @kernel

@@ -63,10 +63,10 @@ def _go_on(m: Any) -> None:
         m.crumb_taken = False
         m.rtl_stage = WAIT
         u += _HIGHER
-    set_leg(m, n, e, u)
+    set_leg(m, n, e, u, False)
     if m.crumb_count > 0:
         then = m.crumbs[m.crumb_count - 1]
-        add_leg(m, then[0], then[1], then[2] + (_HIGHER if m.crumb_count == 1 else 0.0))
+        add_leg(m, then[0], then[1], then[2] + (_HIGHER if m.crumb_count == 1 else 0.0), False)
 
 
 @kernel
