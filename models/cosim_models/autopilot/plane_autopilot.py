@@ -2,13 +2,14 @@
 
 A fixed wing cannot stop: to hold a place is to circle it, with WP_LOITER_RAD. GUIDED circles its target, LOITER the
 place where the mode was entered, RTL home; AUTO flies missions; TAKEOFF climbs straight ahead to TKOFF_ALT and then
-circles. Positions come by DO_REPOSITION and MISSION_ITEM with current 2. As in ArduPlane, the message
-SET_POSITION_TARGET_GLOBAL_INT changes the height alone, the take-off command is FAILED (it is for VTOL), and landing is
-UNSUPPORTED.
+circles. A pilot flies MANUAL, STABILIZE, TRAINING, ACRO, FBWA, FBWB and CRUISE (`wing.piloted`), by
+RC_CHANNELS_OVERRIDE and MANUAL_CONTROL; without them, the sticks are centred and the throttle is closed. Positions come
+by DO_REPOSITION and MISSION_ITEM with current 2. As in ArduPlane, the message SET_POSITION_TARGET_GLOBAL_INT changes
+the height alone, the take-off command is FAILED (it is for VTOL), and landing is UNSUPPORTED.
 
 Differences from ArduPlane: these loops instead of TECS and L1, no airspeed sensor and no estimate of the wind (airspeed
-is taken as the speed over ground), no landing, no pilot, no fail-safes, no fences. Speeds and the radius of circles are
-made for the Aerosonde.
+is taken as the speed over ground), no landing, no AUTOTUNE, no fail-safes, no fences. Speeds and the radius of circles
+are made for the Aerosonde.
 
 The control of bank, height, speed and course is in `wing.flight`. Sources of the modes and answers: ArduPilot,
 ArduPlane/mode*.cpp and ArduPlane/GCS_MAVLink_Plane.cpp.
@@ -53,6 +54,7 @@ from cosim_models.autopilot.gcs.missions import (
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
 from cosim_models.autopilot.gcs.record import MISSION, pilot_variables
+from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.targets import go_to, hold_here, home_here, is_place, locate
 from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_VTOL, say
@@ -68,6 +70,14 @@ from cosim_models.autopilot.wing.flight import (
     take_off,
     wing_parameters,
 )
+from cosim_models.autopilot.wing.piloted import (
+    PILOT_MEMORY,
+    PILOT_PARAMETERS,
+    begin_pilot,
+    by_hand,
+    circling_bank,
+    demand,
+)
 
 __all__ = ["PlaneAutopilot"]
 
@@ -77,6 +87,12 @@ class PlaneMode(IntEnum):
 
     MANUAL = 0
     CIRCLE = 1
+    STABILIZE = 2
+    TRAINING = 3
+    ACRO = 4
+    FBWA = 5
+    FBWB = 6
+    CRUISE = 7
     AUTO = 10
     RTL = 11
     LOITER = 12
@@ -84,7 +100,10 @@ class PlaneMode(IntEnum):
     GUIDED = 15
 
 
-_MANUAL, _CIRCLE, _AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED = (int(mode) for mode in PlaneMode)
+_MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _FBWA, _FBWB, _CRUISE = map(int, list(PlaneMode)[:8])
+_AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED = map(int, list(PlaneMode)[8:])
+_BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA)
+_KNOWN = tuple(map(int, PlaneMode))
 _ONLY_HEIGHT, _NO_HEIGHT = 0x0003, 0x0004  # POSITION_TARGET_TYPEMASK: no latitude and longitude; no height
 _FLYING_HEIGHT, _FLYING_SPEED = 1.0, 5.0  # m above home and m/s: beyond them it is in the air
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
@@ -94,8 +113,8 @@ _NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
 VARIABLES = pilot_variables(
     (Airframe.plane,),
     PlaneMode.MANUAL,
-    wing_parameters(),
-    (*MISSION, *WING_MEMORY),
+    (*wing_parameters(), *PILOT_PARAMETERS, *STICK_PARAMETERS),
+    (*MISSION, *WING_MEMORY, *PILOT_MEMORY),
 )
 _hear_parameter, _continue_list = parameter_protocol(VARIABLES)
 _hear_mission = mission_protocol(_FLOWN)
@@ -106,11 +125,11 @@ _hear_mission = mission_protocol(_FLOWN)
 
 @kernel
 def _change_mode(m: Any, mode: int, t: float) -> int:
-    if mode not in (_MANUAL, _CIRCLE, _AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED):
+    if mode not in _KNOWN:
         return MAV_RESULT_FAILED
     if mode == m.mode:
         return MAV_RESULT_ACCEPTED
-    if mode != _MANUAL and not ready(m, t):
+    if mode not in _BY_HAND and not ready(m, t):
         return MAV_RESULT_FAILED
     if mode == _AUTO:
         if m.mission_current == 0 or m.mission_done:
@@ -120,10 +139,11 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
             say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
             mode = _RTL
     m.mode = mode
-    m.autonomous = mode != _MANUAL
+    m.autonomous = mode not in _BY_HAND and mode != _FBWB and mode != _CRUISE
     m.mission_active = mode == _AUTO
     m.taking_off = False
     hold_here(m)
+    begin_pilot(m)
     if mode == _TAKEOFF:
         if not m.on_ground:
             say(m, MAV_SEVERITY_INFO, CLIMBING, 0)
@@ -186,7 +206,7 @@ def _hear(m: Any, message: int, t: float) -> None:  # noqa: ARG001
 
 @kernel
 def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
-    if not _hear_parameter(m, message):
+    if not _hear_parameter(m, message) and not hear_sticks(m, message, sender, t):
         _hear_mission(m, message, sender, part, t)
 
 
@@ -265,14 +285,21 @@ def advance(m: Any, t: float, h: float) -> int:
         home_here(m)
         m.rotated, m.elevator_trim = False, 0.0
     m.on_ground = m.ground_down - m.position[2] < _FLYING_HEIGHT and speed < _FLYING_SPEED
-    if not m.armed or m.mode == _MANUAL:
+    if not m.armed:
         rest(m)
+    elif m.mode in _BY_HAND:
+        by_hand(m, t, h)
     elif m.taking_off and m.mode != _AUTO:
         take_off(m, h)
     elif m.mode == _AUTO:
         _carry_out(m, t, h)
     elif m.on_ground:
         rest(m)
+    elif m.mode == _CIRCLE:
+        fly(m, circling_bank(m), m.guided_position[2], cruise_speed(m), h)
+    elif m.mode == _FBWB or m.mode == _CRUISE:
+        bank, wanted = demand(m, t, h)
+        fly(m, bank, m.guided_position[2], wanted, h)
     else:
         fly(m, circle(m, m.guided_position[0], m.guided_position[1]), m.guided_position[2], cruise_speed(m), h)
     for i in range(3):

@@ -1,18 +1,18 @@
 """The rover autopilot FMU: ArduRover's modes, steering, speed control and MAVLink behaviour, for rovers and boats.
 
-In GUIDED it follows positions and velocities, in AUTO missions, in RTL it drives home. HOLD stops; LOITER stays within
-LOIT_RADIUS, as do boats wherever a rover stops. It cannot climb: heights are ignored, take-off and landing are refused
-as ArduRover refuses them (UNSUPPORTED). There is no pilot, so MANUAL stands still, and ACRO,
-STEERING and SIMPLE brake and stand still.
+In GUIDED it follows positions and velocities, in AUTO missions, in RTL it drives home, in SMART_RTL the way that it
+came. HOLD commands nothing; LOITER stays within LOIT_RADIUS, as do boats wherever a rover stops; CIRCLE drives around
+the place where it was entered. A pilot drives in MANUAL, ACRO, STEERING and SIMPLE, by RC_CHANNELS_OVERRIDE and
+MANUAL_CONTROL; without them, its sticks are centred. It cannot climb: heights are ignored, take-off and landing are
+refused as ArduRover refuses them (UNSUPPORTED).
 
-Speed control is feed-forward, proportional and integral over the throttle; steering turns the vehicle towards its
-target with a rate that the curvature at the present speed allows.
+Speed and steering are in `surface.driving`, the modes of a pilot in `surface.piloted`.
 
 Differences from ArduRover: no S-curves along the path, no pivot turns, no fail-safes, no fences. CRUISE_SPEED and
 CRUISE_THROTTLE are those of the simulated vehicles, whose speed at a quarter of the throttle is 5 m/s. As in
 ArduRover, a target nearer than WP_RADIUS (2 m) is not driven to, so small steps of a law are lost.
 
-Sources: ArduPilot, Rover/mode*.cpp, Rover/GCS_MAVLink_Rover.cpp, APM_Control/AR_AttitudeControl (gains, defaults).
+Sources: ArduPilot, Rover/mode*.cpp, Rover/GCS_MAVLink_Rover.cpp.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from enum import IntEnum
 from typing import Any, ClassVar
 
 from cosim import Memory, Model
-from cosim.frames import wrap_pi
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_DO_CHANGE_SPEED,
@@ -60,13 +59,34 @@ from cosim_models.autopilot.gcs.record import (
     MISSION,
     POSITION,
     VELOCITY,
-    angle,
     pilot_variables,
-    real,
 )
-from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, stream
+from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
+from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, home_here, local_target
-from cosim_models.autopilot.gcs.words import MISSION_DONE, NO_MISSION, REACHED, say
+from cosim_models.autopilot.gcs.words import DESTINATION, MISSION_DONE, NO_DOCK, NO_MISSION, REACHED, say
+from cosim_models.autopilot.surface.circling import CIRCLE_MEMORY, CIRCLE_PARAMETERS, begin_circle, circle
+from cosim_models.autopilot.surface.driving import DRIVE_MEMORY, DRIVE_PARAMETERS, STANDING, cruise, drive, stop
+from cosim_models.autopilot.surface.piloted import (
+    PILOT_MEMORY,
+    PILOT_PARAMETERS,
+    acro,
+    coast,
+    loiter,
+    manual,
+    note_heading,
+    simple,
+    stay,
+    steering,
+)
+from cosim_models.autopilot.surface.track import (
+    TRACK_MEMORY,
+    TRACK_PARAMETERS,
+    begin_track,
+    go_back,
+    record_track,
+    retrace,
+)
 
 __all__ = ["RoverAutopilot"]
 
@@ -80,16 +100,19 @@ class RoverMode(IntEnum):
     HOLD = 4
     LOITER = 5
     SIMPLE = 7
+    CIRCLE = 9
     AUTO = 10
     RTL = 11
+    SMART_RTL = 12
     GUIDED = 15
 
 
-_MANUAL, _ACRO, _STEERING, _HOLD, _LOITER, _SIMPLE, _AUTO, _RTL, _GUIDED = (int(mode) for mode in RoverMode)
-_PILOTED = (_ACRO, _STEERING, _SIMPLE)  # with sticks in the middle, they stop
+_MANUAL, _ACRO, _STEERING, _HOLD, _LOITER, _SIMPLE, _CIRCLE, _AUTO, _RTL, _SMART_RTL, _GUIDED = map(int, RoverMode)
+_KNOWN = tuple(map(int, RoverMode))
+_DOCK = 8
+_PILOTED = (_ACRO, _STEERING, _SIMPLE)
 _MODES = (0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16)  # of ArduRover
 _TIMEOUT = 3.0  # s after which a velocity is no longer followed
-_STANDING = 0.05  # m/s
 _FLOWN = (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_DO_CHANGE_SPEED)
 _NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
 
@@ -97,23 +120,19 @@ VARIABLES = pilot_variables(
     (Airframe.rover, Airframe.boat),
     RoverMode.MANUAL,
     (
-        real("CRUISE_SPEED", "m/s", 5.0, "speed of missions, GUIDED and RTL", 0.1),
-        real("CRUISE_THROTTLE", "%", 25.0, "throttle for CRUISE_SPEED", 1.0),
-        real("ATC_SPEED_P", "s/m", 0.2, "throttle over speed error"),
-        real("ATC_SPEED_I", "1/m", 0.2, "throttle over integral of the speed error"),
-        real("ATC_ACCEL_MAX", "m/s2", 1.0, "acceleration, also when it brakes before a target", 0.05),
-        real("ATC_STR_ANG_P", "1/s", 2.0, "turn rate over heading error", 0.01),
-        angle("ATC_STR_RAT_MAX", 120.0, "greatest turn rate, per second"),
-        real("ATC_TURN_MAX_G", "1", 0.6, "greatest lateral acceleration over gravity", 0.01),
-        real("TURN_RADIUS", "m", 0.9, "radius of the turn at full steering", 0.01),
-        real("WP_RADIUS", "m", 2.0, "distance at which a target is reached", 0.01),
-        real("LOIT_RADIUS", "m", 2.0, "distance from a place that is held at which it is driven to again", 0.01),
+        *DRIVE_PARAMETERS,
+        *PILOT_PARAMETERS,
+        *CIRCLE_PARAMETERS,
+        *TRACK_PARAMETERS,
+        *STICK_PARAMETERS,
     ),
     (
         *MISSION,
-        Memory("demand"),  # m/s, after the acceleration limit
-        Memory("integral"),  # throttle
-        Memory("arrived", dtype="?"),
+        *DRIVE_MEMORY,
+        *PILOT_MEMORY,
+        *CIRCLE_MEMORY,
+        *TRACK_MEMORY,
+        Memory("told_home", dtype="?", rare=True),  # that it has arrived there
     ),
 )
 _hear_parameter, _continue_list = parameter_protocol(VARIABLES)
@@ -125,11 +144,15 @@ _hear_mission = mission_protocol(_FLOWN)
 
 @kernel
 def _change_mode(m: Any, mode: int, t: float) -> int:
-    if mode not in (_MANUAL, _HOLD, _LOITER, _AUTO, _RTL, _GUIDED) and mode not in _PILOTED:
+    if mode not in _KNOWN:
+        if mode == _DOCK:
+            say(m, MAV_SEVERITY_NOTICE, NO_DOCK, 0)
         return MAV_RESULT_FAILED
     if mode == m.mode:
         return MAV_RESULT_ACCEPTED
     if mode not in (_MANUAL, _HOLD) and not ready(m, t):
+        return MAV_RESULT_FAILED
+    if mode == _SMART_RTL and not go_back(m):
         return MAV_RESULT_FAILED
     if mode == _AUTO:
         if m.mission_count <= 1:
@@ -142,11 +165,22 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     m.mode = mode
     m.autonomous = mode not in (_MANUAL, _HOLD) and mode not in _PILOTED
     m.mission_active = mode == _AUTO
+    m.told_home = False
+    if mode == _SMART_RTL:
+        return MAV_RESULT_ACCEPTED
     hold_here(m)
     m.arrived = True
     if mode == _RTL:
         go_to(m, m.home[0], m.home[1], m.home[2])
+        dn, de = m.home[0] - m.position[0], m.home[1] - m.position[1]
+        m.told_home = dn * dn + de * de < m.WP_RADIUS * m.WP_RADIUS
         m.arrived = False
+    elif mode == _LOITER:
+        stay(m)
+    elif mode == _SIMPLE:
+        note_heading(m)
+    elif mode == _CIRCLE:
+        begin_circle(m)
     return MAV_RESULT_ACCEPTED
 
 
@@ -155,11 +189,12 @@ _enter = told(_change_mode, _MODES)
 
 @kernel
 def _arm(m: Any, forced: bool, t: float) -> int:
-    if m.mode == _RTL or not (ready(m, t) or forced):
+    if m.mode in (_RTL, _SMART_RTL) or not (ready(m, t) or forced):
         return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t
     home_here(m)
+    begin_track(m, t)
     return MAV_RESULT_ACCEPTED
 
 
@@ -191,7 +226,7 @@ def _hear(m: Any, message: int, t: float) -> None:
 
 @kernel
 def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
-    if not _hear_parameter(m, message):
+    if not _hear_parameter(m, message) and not hear_sticks(m, message, sender, t):
         _hear_mission(m, message, sender, part, t)
 
 
@@ -202,61 +237,19 @@ _receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, _hear, _othe
 
 
 @kernel
-def _drive(m: Any, wanted: float, bearing: float, h: float) -> None:
-    """Commands throttle and steering for a speed [m/s] and a heading [rad]."""
-    yaw = heading(m)
-    error = wrap_pi(bearing - yaw)
-    wanted *= max(math.cos(error), 0.25)  # it slows down to turn
-    change = m.ATC_ACCEL_MAX * h
-    m.demand += min(max(wanted - m.demand, -2.0 * change), change)
-    speed = m.velocity[0] * math.cos(yaw) + m.velocity[1] * math.sin(yaw)
-    miss = m.demand - speed
-    forward = 0.01 * m.CRUISE_THROTTLE * m.demand / m.CRUISE_SPEED
-    throttle = forward + m.ATC_SPEED_P * miss + m.integral
-    if -1.0 < throttle < 1.0:
-        m.integral += m.ATC_SPEED_I * miss * h
-    rate = min(max(m.ATC_STR_ANG_P * error, -math.radians(m.ATC_STR_RAT_MAX)), math.radians(m.ATC_STR_RAT_MAX))
-    most = 9.80665 * m.ATC_TURN_MAX_G / max(abs(speed), 0.1)
-    rate = min(max(rate, -most), most)
-    steering = rate * m.TURN_RADIUS / max(speed, 0.5)
-    m.motor[0] = 0.5 + 0.5 * min(max(steering, -1.0), 1.0)
-    m.motor[1] = 0.5 + 0.5 * min(max(throttle, -1.0), 1.0)
-    m.desired_velocity[0] = m.demand * math.cos(bearing)
-    m.desired_velocity[1] = m.demand * math.sin(bearing)
-
-
-@kernel
-def _stop(m: Any, h: float) -> None:
-    """Brakes; without speed, nothing is commanded."""
-    yaw = heading(m)
-    speed = m.velocity[0] * math.cos(yaw) + m.velocity[1] * math.sin(yaw)
-    if abs(speed) < _STANDING and m.demand < _STANDING:
-        m.demand = 0.0
-        m.integral = 0.0
-        m.motor[0], m.motor[1] = 0.5, 0.5
-    else:
-        _drive(m, 0.0, yaw, h)
-
-
-@kernel
-def _cruise(m: Any) -> float:
-    return float(m.cruise if m.cruise > 0.0 else m.CRUISE_SPEED)
-
-
-@kernel
 def _drive_to(m: Any, n: float, e: float, h: float) -> None:
-    """Drives to a place and stops there; boats, and rovers in LOITER, come back when they have drifted away."""
+    """Drives to a place and stops there; boats come back when they have drifted away."""
     dn, de = n - m.position[0], e - m.position[1]
     distance = math.sqrt(dn * dn + de * de)
-    keeps = m.kind == MAV_TYPE_SURFACE_BOAT or m.mode == _LOITER
+    keeps = m.kind == MAV_TYPE_SURFACE_BOAT
     if m.arrived and keeps and distance > m.LOIT_RADIUS:
         m.arrived = False
     if not m.arrived and distance < (0.5 * m.LOIT_RADIUS if keeps else m.WP_RADIUS):
         m.arrived = True
     if m.arrived:
-        _stop(m, h)
+        stop(m, h)
     else:
-        _drive(m, min(_cruise(m), math.sqrt(2.0 * m.ATC_ACCEL_MAX * distance)), math.atan2(de, dn), h)
+        drive(m, min(cruise(m), math.sqrt(2.0 * m.ATC_ACCEL_MAX * distance)), math.atan2(de, dn), h)
 
 
 @kernel
@@ -268,10 +261,10 @@ def _guide(m: Any, t: float, h: float) -> None:
     if m.guided_kind == VELOCITY:
         vn, ve = m.guided_velocity[0], m.guided_velocity[1]
         speed = math.sqrt(vn * vn + ve * ve)
-        if speed < _STANDING:
-            _stop(m, h)
+        if speed < STANDING:
+            stop(m, h)
         else:
-            _drive(m, speed, math.atan2(ve, vn), h)
+            drive(m, speed, math.atan2(ve, vn), h)
     else:
         _drive_to(m, m.guided_position[0], m.guided_position[1], h)
 
@@ -309,6 +302,41 @@ def _carry_out(m: Any, t: float, h: float) -> None:
         m.item_since = -1.0
 
 
+@kernel
+def _pilot(m: Any, t: float, h: float) -> None:
+    """Drives as the pilot says, and in the modes that need no target."""
+    if m.mode == _MANUAL:
+        manual(m, t, h)
+    elif m.mode == _HOLD:
+        coast(m, h)
+    elif m.mode == _ACRO:
+        acro(m, t, h)
+    elif m.mode == _STEERING:
+        steering(m, t, h)
+    elif m.mode == _SIMPLE:
+        simple(m, t, h)
+    elif m.mode == _LOITER:
+        loiter(m, h)
+    else:
+        circle(m, h)
+
+
+@kernel
+def _act(m: Any, t: float, h: float) -> None:
+    """Drives in the mode that it has."""
+    if m.mode == _GUIDED:
+        _guide(m, t, h)
+    elif m.mode == _AUTO:
+        _carry_out(m, t, h)
+    elif m.mode == _RTL or (m.mode == _SMART_RTL and retrace(m, h)):
+        _drive_to(m, m.guided_position[0], m.guided_position[1], h)
+        if m.arrived and not m.told_home:
+            m.told_home = True
+            say(m, MAV_SEVERITY_INFO, DESTINATION, 0)
+    elif m.mode != _SMART_RTL:
+        _pilot(m, t, h)
+
+
 # ---- the model -----------------------------------------------------------------------------------------------------
 
 
@@ -343,17 +371,13 @@ def advance(m: Any, t: float, h: float) -> int:
         home_here(m)
     for i in range(3):
         m.desired_velocity[i] = 0.0
-    if not m.armed or m.mode == _MANUAL:
+    if not m.armed:
         m.motor[0], m.motor[1] = 0.5, 0.5
         m.demand, m.integral = 0.0, 0.0
-    elif m.mode == _HOLD or m.mode in _PILOTED:
-        _stop(m, h)
-    elif m.mode == _GUIDED:
-        _guide(m, t, h)
-    elif m.mode == _AUTO:
-        _carry_out(m, t, h)
     else:
-        _drive_to(m, m.guided_position[0], m.guided_position[1], h)
+        if m.mode != _SMART_RTL:
+            record_track(m, t)
+        _act(m, t, h)
     placed = m.guided_kind != VELOCITY
     for i in range(3):
         m.target[i] = m.guided_position[i] if placed and i < 2 else m.position[i]

@@ -17,6 +17,7 @@ from cosim import Memory, Output, PacketInput, PacketOutput, Parameter, Variable
 from cosim.vehicle import MAX_MOTORS, Airframe, inputs_for
 from cosim.verdict import Role
 from cosim_models.autopilot.gcs.rows import ROWS
+from cosim_models.autopilot.gcs.sticks import STICK_MEMORY
 
 __all__ = [
     "ACCELERATION",
@@ -130,6 +131,7 @@ _MEMORY = (
     Memory("repeat_every", rare=True),  # s
     Memory("repeat_at", rare=True),  # s
     Memory("logs_told", dtype="?", rare=True),
+    *STICK_MEMORY,
     Memory("component_known", dtype="u1", shape=256, rare=True),  # 1: heard from this component of the own system
     Memory("payload", dtype="u1", shape=255, rare=True),
     Memory("received", dtype="u1", shape=255, rare=True),

@@ -22,6 +22,7 @@ from cosim.messages import (
     HIGH_LATENCY2,
     HIGHRES_IMU,
     HWSTATUS,
+    MAV_TYPE_QUADROTOR,
     MEMINFO,
     NAV_CONTROLLER_OUTPUT,
     POWER_STATUS,
@@ -58,6 +59,7 @@ from cosim.messages import (
     put_autopilot_state_for_gimbal_device_q,
     put_battery_status_voltages,
 )
+from cosim_models.autopilot.gcs.sticks import pulse_of
 
 __all__ = ["put_sensed", "put_terrain"]
 
@@ -208,6 +210,19 @@ def _put_battery(m: Any) -> None:
 
 
 @kernel
+def _put_channels(m: Any, t: float) -> None:
+    """Fills RC_CHANNELS; a point mass has no receiver."""
+    a, b, c, d, e, f, g, h, count = 0, 0, 0, 0, 0, 0, 0, 0, 0
+    if m.kind != MAV_TYPE_QUADROTOR:
+        a, b, c, d = pulse_of(m, 0, t), pulse_of(m, 1, t), pulse_of(m, 2, t), pulse_of(m, 3, t)
+        e, f, g, h = pulse_of(m, 4, t), pulse_of(m, 5, t), pulse_of(m, 6, t), pulse_of(m, 7, t)
+        count = 8
+    encode_rc_channels(
+        m.payload, _milliseconds(t), count, a, b, c, d, e, f, g, h, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 255
+    )  # fmt: skip
+
+
+@kernel
 def put_sensed(m: Any, message: int, t: float) -> bool:
     """Fills m.payload with one of these messages; returns whether `message` is one of them."""
     if message in (SCALED_IMU, SCALED_IMU2, SCALED_IMU3, RAW_IMU, HIGHRES_IMU):
@@ -215,8 +230,8 @@ def put_sensed(m: Any, message: int, t: float) -> bool:
     elif message in (SCALED_PRESSURE, SCALED_PRESSURE2):
         hectopascal, celsius = _air(m)
         encode_scaled_pressure(m.payload, _milliseconds(t), hectopascal, 0.0, _short(100.0 * celsius), 0)
-    elif message == RC_CHANNELS:  # no receiver
-        encode_rc_channels(m.payload, _milliseconds(t), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 255)
+    elif message == RC_CHANNELS:
+        _put_channels(m, t)
     elif message == POWER_STATUS:
         encode_power_status(m.payload, _SUPPLY, 0, 0)
     elif message == BATTERY_STATUS:

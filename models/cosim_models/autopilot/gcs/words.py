@@ -33,6 +33,7 @@ __all__ = [
     "MISSION_DONE",
     "MODE_FAILED",
     "MOTOR_TEST_ARMED",
+    "NO_DOCK",
     "NO_LANDING",
     "NO_MESSAGE",
     "NO_MISSION",
@@ -46,6 +47,7 @@ __all__ = [
     "RESET",
     "ROVER",
     "TAKEOFF_GUIDED",
+    "TRACK_FULL",
     "TRANSITION_AUTO",
     "UNKNOWN_FRAME",
     "USE_INT",
@@ -88,6 +90,8 @@ _WORDS = (
     "All parameters reset, reboot board",
     "User Takeoff only in GUIDED mode",
     "VTOL transition only in AUTO",
+    "SmartRTL deactivated: buffer full",
+    "Dock: target not acquired",
 )
 (
     ARMED,
@@ -125,6 +129,8 @@ _WORDS = (
     RESET,
     TAKEOFF_GUIDED,
     TRANSITION_AUTO,
+    TRACK_FULL,
+    NO_DOCK,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
 _SIZE = 50
 _TEXT = np.zeros((len(_WORDS), _SIZE), np.uint8)
