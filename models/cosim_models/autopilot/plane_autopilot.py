@@ -39,8 +39,6 @@ from cosim.messages import (
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_NOTICE,
     MAV_TYPE_FIXED_WING,
-    SET_POSITION_TARGET_GLOBAL_INT,
-    decode_set_position_target_global_int,
 )
 from cosim.vehicle import Airframe
 from cosim_models.autopilot.gcs.commands import firmware, receiver, told
@@ -56,15 +54,15 @@ from cosim_models.autopilot.gcs.parameters import parameter_protocol
 from cosim_models.autopilot.gcs.record import MISSION, pilot_variables
 from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
-from cosim_models.autopilot.gcs.targets import go_to, hold_here, home_here, is_place, locate
+from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
 from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_VTOL, say
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
+    change_speed,
     circle,
     cruise_speed,
     fly,
-    keep_groundspeed,
     launch,
     rest,
     take_off,
@@ -104,7 +102,6 @@ _MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _FBWA, _FBWB, _CRUISE = map(int,
 _AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED = map(int, list(PlaneMode)[8:])
 _BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA)
 _KNOWN = tuple(map(int, PlaneMode))
-_ONLY_HEIGHT, _NO_HEIGHT = 0x0003, 0x0004  # POSITION_TARGET_TYPEMASK: no latitude and longitude; no height
 _FLYING_HEIGHT, _FLYING_SPEED = 1.0, 5.0  # m above home and m/s: beyond them it is in the air
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
 _FLOWN = (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_NAV_TAKEOFF)
@@ -182,26 +179,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
     if command == MAV_CMD_DO_SET_MISSION_CURRENT:
         return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_CHANGE_SPEED:
-        if p1 == 1.0:
-            return keep_groundspeed(m, p2)
-        if p1 != 0.0:
-            return MAV_RESULT_FAILED
-        if not m.AIRSPEED_MIN <= p2 <= m.AIRSPEED_MAX:
-            return MAV_RESULT_DENIED
-        m.cruise = p2
-        return MAV_RESULT_ACCEPTED
+        return change_speed(m, p1, p2)
     return MAV_RESULT_UNSUPPORTED
-
-
-@kernel
-def _hear(m: Any, message: int, t: float) -> None:  # noqa: ARG001
-    """Takes the height of SET_POSITION_TARGET_GLOBAL_INT; everything else is ignored."""
-    if message != SET_POSITION_TARGET_GLOBAL_INT:
-        return
-    _, _, _, frame, mask, _, _, alt, _, _, _, _, _, _, _, _ = decode_set_position_target_global_int(m.received)
-    only_height = (mask & _ONLY_HEIGHT) == _ONLY_HEIGHT and (mask & _NO_HEIGHT) == 0
-    if only_height and is_place(frame, 0, 0, alt):
-        m.guided_position[2] = locate(m, frame, 0, 0, alt)[2]
 
 
 @kernel
@@ -210,7 +189,7 @@ def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
         _hear_mission(m, message, sender, part, t)
 
 
-_receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, _hear, _other))
+_receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, height_target, _other))
 
 
 # ---- flight --------------------------------------------------------------------------------------------------------
@@ -251,6 +230,20 @@ def _carry_out(m: Any, t: float, h: float) -> None:
         m.mission_current += 1
 
 
+@kernel
+def _pilot(m: Any, t: float, h: float) -> None:
+    """Flies as the pilot says, and CIRCLE."""
+    if m.mode in _BY_HAND:
+        by_hand(m, t, h)
+    elif m.on_ground:
+        rest(m)
+    elif m.mode == _CIRCLE:
+        fly(m, circling_bank(m), m.guided_position[2], cruise_speed(m), h)
+    else:
+        bank, wanted = demand(m, t, h)
+        fly(m, bank, m.guided_position[2], wanted, h)
+
+
 # ---- the model -----------------------------------------------------------------------------------------------------
 
 
@@ -287,19 +280,14 @@ def advance(m: Any, t: float, h: float) -> int:
     m.on_ground = m.ground_down - m.position[2] < _FLYING_HEIGHT and speed < _FLYING_SPEED
     if not m.armed:
         rest(m)
-    elif m.mode in _BY_HAND:
-        by_hand(m, t, h)
+    elif m.mode < _AUTO:
+        _pilot(m, t, h)
     elif m.taking_off and m.mode != _AUTO:
         take_off(m, h)
     elif m.mode == _AUTO:
         _carry_out(m, t, h)
     elif m.on_ground:
         rest(m)
-    elif m.mode == _CIRCLE:
-        fly(m, circling_bank(m), m.guided_position[2], cruise_speed(m), h)
-    elif m.mode == _FBWB or m.mode == _CRUISE:
-        bank, wanted = demand(m, t, h)
-        fly(m, bank, m.guided_position[2], wanted, h)
     else:
         fly(m, circle(m, m.guided_position[0], m.guided_position[1]), m.guided_position[2], cruise_speed(m), h)
     for i in range(3):

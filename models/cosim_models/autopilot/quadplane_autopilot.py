@@ -3,11 +3,13 @@
 It takes off and lands vertically, hovers at places, and flies on its wing over longer distances. In GUIDED with
 Q_GUIDED_MODE 1, a new target farther away than WP_LOITER_RAD is flown to on the wing, a nearer one on the rotors, and
 the vehicle hovers at it; with 0, it circles its target as a fixed wing. NAV_TAKEOFF in GUIDED, and the missions'
-take-offs, are vertical; VTOL_LAND, QLAND and QRTL land vertically. QHOVER keeps level, QLOITER its place. All other
-modes and answers are those of `PlaneAutopilot`. `wing.transition` describes the ways between rotors and wing.
+take-offs, are vertical; VTOL_LAND, QLAND and QRTL land vertically, as does LOITER_ALT_QLAND after a descent on the
+wing. A pilot flies QSTABILIZE, QHOVER, QLOITER and QACRO (`wing.lifted`); without one, QHOVER keeps level, QLOITER its
+place. In the modes of a pilot on the wing, it gets there from the rotors with its own throttle. All other modes and
+answers are those of `PlaneAutopilot`. `wing.transition` describes the ways between rotors and wing.
 
-Differences from ArduPlane: those of `PlaneAutopilot`; Q_GUIDED_MODE and Q_MAV_TYPE are 0 there; there is no pilot, so
-that QSTABILIZE and QACRO are refused; no assistance by angle, no weathervaning but that by the fin, no tilting rotors.
+Differences from ArduPlane: those of `PlaneAutopilot`; Q_GUIDED_MODE and Q_MAV_TYPE are 0 there; no assistance by angle,
+no weathervaning but that by the fin, no tilting rotors.
 
 Source: ArduPilot, ArduPlane/quadplane.cpp (modes, do_user_takeoff, is_vtol_takeoff, transitions), mode_guided.cpp.
 """
@@ -39,8 +41,6 @@ from cosim.messages import (
     MAV_SEVERITY_NOTICE,
     MAV_TYPE_FIXED_WING,
     MAV_TYPE_VTOL_QUADROTOR,
-    SET_POSITION_TARGET_GLOBAL_INT,
-    decode_set_position_target_global_int,
 )
 from cosim.vehicle import Airframe
 from cosim_models.autopilot.gcs.commands import firmware, receiver, told
@@ -54,20 +54,31 @@ from cosim_models.autopilot.gcs.missions import (
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
 from cosim_models.autopilot.gcs.record import MISSION, pilot_variables, real, whole
+from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, stream
-from cosim_models.autopilot.gcs.targets import go_to, hold_here, home_here, is_place, locate
+from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
 from cosim_models.autopilot.gcs.words import MISSION_COMPLETE, TAKEOFF_GUIDED, TRANSITION_AUTO, say
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
+    change_speed,
     cruise_speed,
-    keep_groundspeed,
     launch,
     rest,
     take_off,
     wing_parameters,
 )
-from cosim_models.autopilot.wing.hover import HOVER_MEMORY, HOVER_PARAMETERS, hover, level, no_lift, sink
+from cosim_models.autopilot.wing.hover import HOVER_MEMORY, HOVER_PARAMETERS, hover, no_lift, sink
+from cosim_models.autopilot.wing.lifted import LIFT_MEMORY, LIFT_PARAMETERS, begin_lifted, by_rotors, lifts_off
+from cosim_models.autopilot.wing.piloted import (
+    PILOT_MEMORY,
+    PILOT_PARAMETERS,
+    begin_pilot,
+    by_hand,
+    circling_bank,
+    demand,
+    roll_stick,
+)
 from cosim_models.autopilot.wing.transition import (
     SLOW,
     THERE,
@@ -77,6 +88,7 @@ from cosim_models.autopilot.wing.transition import (
     go_round,
     note_target,
     on_wing,
+    on_wing_alone,
     speed_of,
     travel,
     vtol_state,
@@ -90,23 +102,39 @@ class QuadplaneMode(IntEnum):
 
     MANUAL = 0
     CIRCLE = 1
+    STABILIZE = 2
+    TRAINING = 3
+    ACRO = 4
+    FBWA = 5
+    FBWB = 6
+    CRUISE = 7
     AUTO = 10
     RTL = 11
     LOITER = 12
     TAKEOFF = 13
     GUIDED = 15
+    QSTABILIZE = 17
     QHOVER = 18
     QLOITER = 19
     QLAND = 20
     QRTL = 21
+    QACRO = 23
+    LOITER_ALT_QLAND = 25
 
 
-_MANUAL, _CIRCLE, _AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED, _QHOVER, _QLOITER, _QLAND, _QRTL = map(int, QuadplaneMode)
-_ONLY_HEIGHT, _NO_HEIGHT = 0x0003, 0x0004  # POSITION_TARGET_TYPEMASK: no latitude and longitude; no height
+_MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _FBWA, _FBWB, _CRUISE = map(int, list(QuadplaneMode)[:8])
+_AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED, _QSTABILIZE, _QHOVER, _QLOITER = map(int, list(QuadplaneMode)[8:16])
+_QLAND, _QRTL, _QACRO, _LOITER_ALT_QLAND = map(int, list(QuadplaneMode)[16:])
+_KNOWN = tuple(map(int, QuadplaneMode))
+_BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA)
+_PILOTED = (*_BY_HAND, _FBWB, _CRUISE, _QSTABILIZE, _QACRO)
+_BY_ROTORS = (_QSTABILIZE, _QHOVER, _QLOITER, _QACRO)
+_FREE = (*_BY_HAND, _QSTABILIZE, _QACRO)  # need no position
+_ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of them it is in the air
 _CLIMBED = 0.5  # m below the end of a vertical take-off
 _LANDED_SPEED, _LANDED_TIME = 0.1, 1.0  # m/s and s: slower than commanded for so long is landed
-_STATE_MC, _STATE_FW = 3, 4  # MAV_VTOL_STATE
+_STATE_MC, _STATE_FW = 3, 4
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
 _FLOWN = (
     MAV_CMD_NAV_WAYPOINT,
@@ -130,7 +158,10 @@ VARIABLES = pilot_variables(
             THR_MAX=100.0,
             TKOFF_THR_MAX=100.0,
         ),
+        *PILOT_PARAMETERS,
+        *STICK_PARAMETERS,
         *HOVER_PARAMETERS,
+        *LIFT_PARAMETERS,
         *TRANSITION_PARAMETERS,
         whole("Q_GUIDED_MODE", 1, "1: hovers at the targets of GUIDED; 0: circles them"),
         whole("Q_MAV_TYPE", MAV_TYPE_VTOL_QUADROTOR, "MAV_TYPE in the heartbeat; 0: fixed wing"),
@@ -139,7 +170,9 @@ VARIABLES = pilot_variables(
     (
         *MISSION,
         *WING_MEMORY,
+        *PILOT_MEMORY,
         *HOVER_MEMORY,
+        *LIFT_MEMORY,
         *TRANSITION_MEMORY,
         Memory("vtol_mode", dtype="?"),  # of waypoints, by DO_VTOL_TRANSITION
         Memory("still_since"),  # s: since when a descent does not move it; -1: it does
@@ -155,13 +188,14 @@ _hear_mission = mission_protocol(_FLOWN)
 
 @kernel
 def _change_mode(m: Any, mode: int, t: float) -> int:
-    known = mode in (_MANUAL, _CIRCLE, _AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED)
-    if not known and not _QHOVER <= mode <= _QRTL:
+    if mode not in _KNOWN:
         return MAV_RESULT_FAILED
     if mode == m.mode:
         return MAV_RESULT_ACCEPTED
-    if mode != _MANUAL and not ready(m, t):
+    if mode not in _FREE and not ready(m, t):
         return MAV_RESULT_FAILED
+    if mode == _LOITER_ALT_QLAND and (m.mode in _BY_ROTORS or m.mode in (_QLAND, _QRTL)):
+        mode = _QLAND
     if mode == _AUTO:
         if m.mission_current == 0 or m.mission_done:
             m.mission_current = 1
@@ -170,16 +204,20 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
             say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
             mode = _RTL
     m.mode = mode
-    m.autonomous = mode != _MANUAL
+    m.autonomous = mode not in _PILOTED
     m.mission_active = mode == _AUTO
     m.taking_off = False
     m.vtol_mode, m.descending = False, False
     hold_here(m)
     note_target(m)
+    begin_pilot(m)
+    begin_lifted(m)
     if mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
     elif mode == _RTL:
         go_to(m, m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE)
+    elif mode == _LOITER_ALT_QLAND:
+        go_to(m, m.position[0], m.position[1], m.home[2] - m.Q_RTL_ALT)
     elif mode == _QRTL:
         go_to(m, m.home[0], m.home[1], m.home[2] - m.Q_RTL_ALT)
     return MAV_RESULT_ACCEPTED
@@ -234,35 +272,17 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
     if command == MAV_CMD_DO_SET_MISSION_CURRENT:
         return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_CHANGE_SPEED:
-        if p1 == 1.0:
-            return keep_groundspeed(m, p2)
-        if p1 != 0.0:
-            return MAV_RESULT_FAILED
-        if not m.AIRSPEED_MIN <= p2 <= m.AIRSPEED_MAX:
-            return MAV_RESULT_DENIED
-        m.cruise = p2
-        return MAV_RESULT_ACCEPTED
+        return change_speed(m, p1, p2)
     return MAV_RESULT_UNSUPPORTED
 
 
 @kernel
-def _hear(m: Any, message: int, t: float) -> None:  # noqa: ARG001
-    """Takes the height of SET_POSITION_TARGET_GLOBAL_INT; everything else is ignored."""
-    if message != SET_POSITION_TARGET_GLOBAL_INT:
-        return
-    _, _, _, frame, mask, _, _, alt, _, _, _, _, _, _, _, _ = decode_set_position_target_global_int(m.received)
-    only_height = (mask & _ONLY_HEIGHT) == _ONLY_HEIGHT and (mask & _NO_HEIGHT) == 0
-    if only_height and is_place(frame, 0, 0, alt):
-        m.guided_position[2] = locate(m, frame, 0, 0, alt)[2]
-
-
-@kernel
 def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
-    if not _hear_parameter(m, message):
+    if not _hear_parameter(m, message) and not hear_sticks(m, message, sender, t):
         _hear_mission(m, message, sender, part, t)
 
 
-_receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, _hear, _other))
+_receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, height_target, _other))
 
 
 # ---- flight --------------------------------------------------------------------------------------------------------
@@ -359,6 +379,25 @@ def _guide(m: Any, t: float, h: float) -> None:
 
 
 @kernel
+def _pilot(m: Any, t: float, h: float) -> None:
+    """Flies as a pilot says on the wing, or gets there with the autopilot's throttle."""
+    bank, wanted = 0.0, cruise_speed(m)
+    if m.mode == _CIRCLE:
+        bank = circling_bank(m)
+    elif m.mode == _FBWB or m.mode == _CRUISE:
+        bank, wanted = demand(m, t, h)
+    elif m.mode == _MANUAL or m.on_ground or on_wing_alone(m, t):
+        if m.on_ground:
+            m.vtol, m.fast_since = False, 0.0
+        no_lift(m)
+        by_hand(m, t, h)
+        return
+    elif m.mode == _FBWA:
+        bank = roll_stick(m, t)
+    on_wing(m, bank, m.guided_position[2], wanted, t, h)
+
+
+@kernel
 def _act(m: Any, t: float, h: float) -> None:
     """Flies in the mode that it has."""
     n, e, d = m.guided_position[0], m.guided_position[1], m.guided_position[2]
@@ -369,19 +408,20 @@ def _act(m: Any, t: float, h: float) -> None:
     elif m.mode == _TAKEOFF and m.taking_off:
         m.vtol, m.fast_since = False, 0.0
         take_off(m, h)
-    elif m.mode == _QHOVER:
-        m.vtol = True
-        level(m, d, h)
-    elif m.mode == _QLOITER:
-        m.vtol = True
-        hover(m, n, e, d, h)
+    elif m.mode in _BY_ROTORS:
+        by_rotors(m, t, h)
     elif m.mode == _QLAND:
         _land(m, n, e, t, h)
     elif m.mode == _QRTL:
         if m.descending or travel(m, n, e, d, t, h):
             _land(m, n, e, t, h)
+    elif m.mode < _AUTO:
+        _pilot(m, t, h)
     else:
         go_round(m, n, e, d, t, h)
+        low = m.position[2] >= d - _CLIMBED and distance_to(m, n, e) < _ON_CIRCLE * m.WP_LOITER_RAD
+        if m.mode == _LOITER_ALT_QLAND and low:
+            _change_mode(m, _QLAND, t)
 
 
 # ---- the model -----------------------------------------------------------------------------------------------------
@@ -432,7 +472,7 @@ def advance(m: Any, t: float, h: float) -> int:
     if m.armed and m.on_ground and m.mode == _QRTL and not m.descending:
         m.armed = False
     launches = m.taking_off or m.descending or m.mode in (_AUTO, _QLAND)
-    if not m.armed or m.mode == _MANUAL or (m.on_ground and not launches):
+    if not m.armed or (m.on_ground and not launches and not lifts_off(m, t)):
         _rest(m)
     else:
         _act(m, t, h)

@@ -60,7 +60,7 @@ KINDS = {
     "rover": Kind(Rover, RoverAutopilot, 10, 15, 11, 0, UNSUPPORTED, UNSUPPORTED, (99, 8, 6)),
     "boat": Kind(Boat, RoverAutopilot, 11, 15, 11, 0, UNSUPPORTED, UNSUPPORTED, (99, 8, 6)),
     "plane": Kind(FixedWing, PlaneAutopilot, 1, 15, 11, 0, FAILED, UNSUPPORTED, (99, 9, 8)),
-    "quadplane": Kind(Quadplane, QuadplaneAutopilot, 20, 15, 11, 0, ACCEPTED, UNSUPPORTED, (99, 9, 4, 17, 23)),
+    "quadplane": Kind(Quadplane, QuadplaneAutopilot, 20, 15, 11, 0, ACCEPTED, UNSUPPORTED, (99, 9, 8, 22)),
 }
 
 

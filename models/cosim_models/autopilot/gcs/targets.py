@@ -24,15 +24,17 @@ from cosim.messages import (
     MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
     MAV_FRAME_LOCAL_NED,
     MAV_FRAME_LOCAL_OFFSET_NED,
+    SET_POSITION_TARGET_GLOBAL_INT,
     decode_set_position_target_global_int,
     decode_set_position_target_local_ned,
 )
 from cosim_models.autopilot.gcs.record import ACCELERATION, HOLD, POSITION, POSITION_VELOCITY, VELOCITY
 from cosim_models.autopilot.gcs.streams import heading
 
-__all__ = ["global_target", "go_to", "hold_here", "home_here", "is_place", "local_target", "locate"]
+__all__ = ["global_target", "go_to", "height_target", "hold_here", "home_here", "is_place", "local_target", "locate"]
 
 _NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x0007, 0x0038, 0x01C0  # sums of POSITION_TARGET_TYPEMASK_*_IGNORE
+_ONLY_HEIGHT, _NO_HEIGHT = 0x0003, 0x0004  # no latitude and longitude; no height
 _FRAMES = (MAV_FRAME_LOCAL_NED, MAV_FRAME_LOCAL_OFFSET_NED, MAV_FRAME_BODY_NED, MAV_FRAME_BODY_OFFSET_NED)
 
 
@@ -148,3 +150,14 @@ def global_target(m: Any, t: float) -> None:
             return
         x, y, z = locate(m, frame, lat, lon, alt)
     _follow(m, mask, (x, y, z), (vx, vy, vz), (ax, ay, az), t)
+
+
+@kernel
+def height_target(m: Any, message: int, t: float) -> None:  # noqa: ARG001
+    """Takes the height of SET_POSITION_TARGET_GLOBAL_INT; everything else is ignored."""
+    if message != SET_POSITION_TARGET_GLOBAL_INT:
+        return
+    _, _, _, frame, mask, _, _, alt, _, _, _, _, _, _, _, _ = decode_set_position_target_global_int(m.received)
+    only_height = (mask & _ONLY_HEIGHT) == _ONLY_HEIGHT and (mask & _NO_HEIGHT) == 0
+    if only_height and is_place(frame, 0, 0, alt):
+        m.guided_position[2] = locate(m, frame, 0, 0, alt)[2]

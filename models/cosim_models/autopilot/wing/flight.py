@@ -20,7 +20,7 @@ from typing import Any
 from cosim import Memory, Variable
 from cosim.frames import euler_from_quaternion, wrap_pi
 from cosim.kernel import kernel
-from cosim.messages import MAV_RESULT_ACCEPTED, MAV_RESULT_DENIED, MAV_SEVERITY_INFO
+from cosim.messages import MAV_RESULT_ACCEPTED, MAV_RESULT_DENIED, MAV_RESULT_FAILED, MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import angle, real
 from cosim_models.autopilot.gcs.targets import go_to
 from cosim_models.autopilot.gcs.words import GROUNDSPEED, say
@@ -28,11 +28,11 @@ from cosim_models.autopilot.gcs.words import GROUNDSPEED, say
 __all__ = [
     "WING_MEMORY",
     "bank_for",
+    "change_speed",
     "circle",
     "clip",
     "cruise_speed",
     "fly",
-    "keep_groundspeed",
     "launch",
     "rest",
     "servos",
@@ -168,8 +168,15 @@ def cruise_speed(m: Any) -> float:
 
 
 @kernel
-def keep_groundspeed(m: Any, speed: float) -> int:
-    """Handles DO_CHANGE_SPEED over ground: the speed [m/s] that flight does not fall below; returns a MAV_RESULT."""
+def change_speed(m: Any, kind: float, speed: float) -> int:
+    """Handles DO_CHANGE_SPEED; returns a MAV_RESULT. A speed over ground is one that flight does not fall below."""
+    if kind == 0.0:
+        if not m.AIRSPEED_MIN <= speed <= m.AIRSPEED_MAX:
+            return MAV_RESULT_DENIED
+        m.cruise = speed
+        return MAV_RESULT_ACCEPTED
+    if kind != 1.0:
+        return MAV_RESULT_FAILED
     if not 0.0 <= speed <= _FASTEST:
         return MAV_RESULT_DENIED
     m.least_speed = speed

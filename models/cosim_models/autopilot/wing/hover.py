@@ -23,9 +23,11 @@ from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import angle, real
 from cosim_models.autopilot.wing.flight import clip, rest, servos
 
-__all__ = ["HOVER_MEMORY", "HOVER_PARAMETERS", "hover", "level", "lift_off", "no_lift", "sink", "square_root_speed"]
+__all__ = ["HOVER_MEMORY", "HOVER_PARAMETERS", "glide", "hover", "lean_by_rates", "lean_to", "level_flight", "lift_off"]
+__all__ += ["no_lift", "sink", "square_root_speed"]
 
 _GRAVITY = 9.80665
+_TURNING = 0.05  # rad/s
 _WALKING = 2.0  # m/s, above which the nose is left to the wind
 _SURFACES = 5.0  # m/s, from which on the surfaces help
 _LEAN, _TURN = 0.25, 0.15  # greatest differences of thrust, of 1
@@ -60,6 +62,7 @@ HOVER_MEMORY = (
     Memory("drift", shape=2),  # m/s2, integral of the velocity error, north and east
     Memory("lean_trim", shape=2),  # integrals of the rates of roll and pitch
     Memory("lift_trim"),  # integral of the vertical velocity error, share of the greatest thrust
+    Memory("turned", dtype="?", rare=True),  # it still turns, as a pilot asked
     Memory("lift"),  # mean of the thrusts, of 1
 )
 
@@ -97,9 +100,15 @@ def _command(m: Any, thrust: float) -> float:
 def _lean(m: Any, roll: float, pitch: float, turn: float, lift: float, share: float, h: float) -> None:
     """Commands the rotors: roll and pitch [rad], rate of yaw [rad/s], mean thrust, and the share of the torques."""
     now_roll, now_pitch, _ = euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+    lean_by_rates(m, m.Q_A_ANG_RLL_P * (roll - now_roll), m.Q_A_ANG_RLL_P * (pitch - now_pitch), turn, lift, share, h)
+
+
+@kernel
+def lean_by_rates(m: Any, p: float, q: float, turn: float, lift: float, share: float, h: float) -> None:
+    """Commands the rotors for rates of roll, pitch and yaw [rad/s], a mean thrust, and the share of the torques."""
     w = m.angular_velocity
-    p_error = m.Q_A_ANG_RLL_P * (roll - now_roll) - w[0]
-    q_error = m.Q_A_ANG_RLL_P * (pitch - now_pitch) - w[1]
+    p_error = p - w[0]
+    q_error = q - w[1]
     m.lean_trim[0] = clip(m.lean_trim[0] + m.Q_A_RAT_RLL_I * p_error * h, -0.5 * _LEAN, 0.5 * _LEAN)
     m.lean_trim[1] = clip(m.lean_trim[1] + m.Q_A_RAT_RLL_I * q_error * h, -0.5 * _LEAN, 0.5 * _LEAN)
     u = share * clip(m.Q_A_RAT_RLL_P * p_error + m.lean_trim[0], -_LEAN, _LEAN)
@@ -145,8 +154,19 @@ def _turn(m: Any) -> float:
 
 
 @kernel
-def _move(m: Any, vn: float, ve: float, climb: float, h: float) -> None:
-    """Leans and lifts towards a velocity."""
+def _turning(m: Any, asked: float) -> float:
+    """Returns the rate of yaw [rad/s] that a pilot asks for, or that of `_turn`."""
+    if asked == 0.0 and not (m.turned and abs(m.angular_velocity[2]) > _TURNING):
+        m.turned = False
+        return _turn(m)
+    m.turned = True
+    m.held_heading = _heading(m)
+    return asked
+
+
+@kernel
+def _move(m: Any, vn: float, ve: float, climb: float, turn: float, h: float) -> None:
+    """Leans and lifts towards a velocity, and turns with a rate of yaw [rad/s]."""
     most = math.radians(m.Q_ANGLE_MAX)
     en, ee = vn - m.velocity[0], ve - m.velocity[1]
     m.drift[0] = clip(m.drift[0] + m.Q_P_VELXY_I * clip(en, -1.0, 1.0) * h, -3.0, 3.0)
@@ -163,7 +183,7 @@ def _move(m: Any, vn: float, ve: float, climb: float, h: float) -> None:
         servos(m, roll, pitch, 0.0, h)
     else:
         rest(m)
-    _lean(m, roll, pitch, _turn(m), _thrust(m, climb, h), 1.0, h)
+    _lean(m, roll, pitch, turn, _thrust(m, climb, h), 1.0, h)
     m.desired_velocity[0], m.desired_velocity[1], m.desired_velocity[2] = vn, ve, -climb
 
 
@@ -182,7 +202,14 @@ def _towards(m: Any, n: float, e: float) -> tuple[float, float]:
 def hover(m: Any, n: float, e: float, d: float, h: float) -> None:
     """Flies to a place on the rotors, and hovers there."""
     vn, ve = _towards(m, n, e)
-    _move(m, vn, ve, _climb_to(m, d), h)
+    _move(m, vn, ve, _climb_to(m, d), _turn(m), h)
+
+
+@kernel
+def glide(m: Any, vn: float, ve: float, climb: float, turn: float, h: float) -> None:
+    """Follows the target, which moves with a velocity [m/s, north, east, up], and turns with a rate [rad/s]."""
+    n, e = _towards(m, m.guided_position[0], m.guided_position[1])
+    _move(m, n + vn, e + ve, _climb_to(m, m.guided_position[2]) + climb, _turning(m, turn), h)
 
 
 @kernel
@@ -190,14 +217,23 @@ def sink(m: Any, n: float, e: float, h: float) -> None:
     """Descends to the ground above a place."""
     vn, ve = _towards(m, n, e)
     final = m.home[2] - m.position[2] < m.Q_LAND_FINAL_ALT
-    _move(m, vn, ve, -float(m.Q_LAND_FINAL_SPD if final else 0.01 * m.Q_WP_SPEED_DN), h)
+    _move(m, vn, ve, -float(m.Q_LAND_FINAL_SPD if final else 0.01 * m.Q_WP_SPEED_DN), _turn(m), h)
 
 
 @kernel
-def level(m: Any, d: float, h: float) -> None:
-    """Keeps the vehicle level at a down coordinate, and lets it drift."""
+def level_flight(m: Any, roll: float, pitch: float, climb: float, turn: float, h: float) -> None:
+    """Leans by roll and pitch [rad] at the height of the target, which moves with a rate of climb [m/s]."""
     rest(m)
-    _lean(m, 0.0, 0.0, _turn(m), _thrust(m, _climb_to(m, d), h), 1.0, h)
+    lift = _thrust(m, _climb_to(m, m.guided_position[2]) + climb, h)
+    _lean(m, roll, pitch, _turning(m, turn), lift, 1.0, h)
+
+
+@kernel
+def lean_to(m: Any, roll: float, pitch: float, turn: float, lift: float, h: float) -> None:
+    """Leans by roll and pitch [rad] with a mean thrust, of 1, in level flight."""
+    rest(m)
+    upright = 1.0 - 2.0 * (m.attitude[1] * m.attitude[1] + m.attitude[2] * m.attitude[2])
+    _lean(m, roll, pitch, _turning(m, turn), clip(lift / max(upright, 0.5), 0.0, 0.95), 1.0, h)
 
 
 @kernel

@@ -27,7 +27,7 @@ from cosim_models.autopilot.gcs.record import angle, real, whole
 from cosim_models.autopilot.gcs.sticks import PITCH, ROLL, YAW, deflection, opening, tilt
 from cosim_models.autopilot.wing.flight import bank_for, clip, servos
 
-__all__ = ["PILOT_MEMORY", "PILOT_PARAMETERS", "begin_pilot", "by_hand", "circling_bank", "demand"]
+__all__ = ["PILOT_MEMORY", "PILOT_PARAMETERS", "begin_pilot", "by_hand", "circling_bank", "demand", "roll_stick"]
 
 _MANUAL, _STABILIZE, _TRAINING, _ACRO, _CRUISE = 0, 2, 3, 4, 7
 _GENTLE = math.radians(25.0)  # bank that is always permitted
@@ -78,7 +78,7 @@ def _permitted(m: Any, bank: float) -> float:
 
 
 @kernel
-def _roll_stick(m: Any, t: float) -> float:
+def roll_stick(m: Any, t: float) -> float:
     """Returns the bank [rad] that the stick of roll asks for."""
     return _permitted(m, tilt(m, ROLL, t) * math.radians(m.ROLL_LIMIT_DEG))
 
@@ -155,7 +155,7 @@ def by_hand(m: Any, t: float, h: float) -> None:
         m.motor[2] = throttle
         _set(m, 3, rudder)
     else:
-        servos(m, _roll_stick(m, t), _pitch_stick(m, throttle, t), throttle, h)
+        servos(m, roll_stick(m, t), _pitch_stick(m, throttle, t), throttle, h)
         _add(m, 3, rudder, 1.0)
 
 
@@ -194,12 +194,12 @@ def _cruising_bank(m: Any, t: float) -> float:
         if m.centred_since >= 0.0 and t - m.centred_since > _LOCKING_TIME:
             m.on_line = True
             m.line[0], m.line[1], m.line[2] = m.position[0], m.position[1], math.atan2(ve, vn)
-    return _line_bank(m) if m.on_line else _roll_stick(m, t)
+    return _line_bank(m) if m.on_line else roll_stick(m, t)
 
 
 @kernel
 def demand(m: Any, t: float, h: float) -> tuple[float, float]:
     """Returns bank [rad] and speed [m/s] of FBWB and CRUISE, and moves the target's height."""
     _climb(m, t, h)
-    bank = _cruising_bank(m, t) if m.mode == _CRUISE else _roll_stick(m, t)
+    bank = _cruising_bank(m, t) if m.mode == _CRUISE else roll_stick(m, t)
     return bank, float(m.AIRSPEED_MIN + (m.AIRSPEED_MAX - m.AIRSPEED_MIN) * opening(m, t))

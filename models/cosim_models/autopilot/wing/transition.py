@@ -28,6 +28,7 @@ __all__ = [
     "go_round",
     "note_target",
     "on_wing",
+    "on_wing_alone",
     "speed_of",
     "travel",
     "vtol_state",
@@ -39,6 +40,7 @@ THERE, SLOW = 2.0, 1.0
 _GRAVITY = 9.80665
 _FLYING_SPEED = 5.0  # m/s, from which on it banks
 _APPROACH = 250.0  # m from its place, from which on it flies at AIRSPEED_MIN
+_TOO_SLOW = 0.75  # of AIRSPEED_MIN, below which the rotors help
 _GENTLE = 0.25  # rad, greatest bank while the rotors carry it
 _TO_FW, _MC, _FW = 1, 3, 4  # MAV_VTOL_STATE
 
@@ -74,7 +76,7 @@ def note_target(m: Any) -> None:
 def on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float) -> None:
     """Flies with a bank and a speed on the wing, or gets there."""
     speed = speed_of(m)
-    if m.vtol or (m.fast_since >= 0.0 and speed < 0.75 * m.AIRSPEED_MIN):
+    if m.vtol or (m.fast_since >= 0.0 and speed < _TOO_SLOW * m.AIRSPEED_MIN):
         m.vtol = False
         m.fast_since = -1.0
     gentle = clip(bank, -_GENTLE, _GENTLE) if speed > _FLYING_SPEED else 0.0
@@ -126,6 +128,12 @@ def go_round(m: Any, n: float, e: float, d: float, t: float, h: float) -> None:
 def _is_rising(m: Any, t: float) -> bool:
     """Returns whether the wing takes over from the rotors."""
     return bool(m.fast_since < 0.0 or 1000.0 * (t - m.fast_since) < m.Q_TRANSITION_MS)
+
+
+@kernel
+def on_wing_alone(m: Any, t: float) -> bool:
+    """Returns whether the wing carries it without the rotors, and may go on to do so."""
+    return not (m.vtol or _is_rising(m, t) or speed_of(m) < _TOO_SLOW * m.AIRSPEED_MIN)
 
 
 @kernel
