@@ -17,7 +17,7 @@ from cosim_models.vehicles.quadrotor import Quadrotor
 from tests.models.copter import MOTION, Copter, Decoder, set_values
 
 H = 0.001
-"""Steps [s] of both: ArduCopter refuses a gyro slower than 1.8 times its loop of 400 Hz."""
+"""Steps [s] of both, if no others are asked for: ArduCopter refuses a gyro slower than 1.8 times its loop of 400 Hz."""
 READY = 45.0
 """When [s] its position estimate is there, some seconds after the 42 s it takes."""
 
@@ -32,6 +32,7 @@ class RealCopter(Copter):
         instance: number of ports; not that of any other that runs.
         attach: to one that runs.
         model: the vehicle, which determines the firmware; its program lies beside the one of ARDUPILOT_SITL.
+        step: duration of a step of both [s].
     """
 
     def __init__(
@@ -42,7 +43,9 @@ class RealCopter(Copter):
         instance: int = 210,
         attach: bool = False,
         model: Any = Quadrotor,
+        step: float = H,
     ) -> None:
+        self.h = step
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "test.parm").write_text("".join(f"{name} {value}\n" for name, value in (parameters or {}).items()))
         self.system, self.step = 1, 0
@@ -69,19 +72,19 @@ class RealCopter(Copter):
 
     @property
     def time(self) -> float:
-        return self.step * H
+        return self.step * self.h
 
     def tick(self) -> None:
-        m, t = self.m, self.step * H
+        m, t = self.m, self.step * self.h
         command = self._motor.copy()
         self._connect()
         data, self.waiting = self.waiting, b""
         m["mavlink_rx"][: len(data)] = np.frombuffer(data, dtype=np.uint8)
         m["mavlink_rx_len"] = len(data)
-        assert self.slave.do_step(t, H)
+        assert self.slave.do_step(t, self.h)
         self.slave.get_real([])
         self._commands[:] = command
-        assert self.advance_vehicle(self.v, t, H) == 0
+        assert self.advance_vehicle(self.v, t, self.h) == 0
         if used := int(m["mavlink_tx_len"]):
             data = m["mavlink_tx"][:used].tobytes()
             self.sent += data
@@ -90,11 +93,11 @@ class RealCopter(Copter):
 
     def run(self, duration: float) -> NDArray[np.float64]:
         """Fly on; rows of time [s], position [m, NED], velocity [m/s, NED], attitude (w, x, y, z)."""
-        rows = np.empty((round(duration / H), 11))
+        rows = np.empty((round(duration / self.h), 11))
         position, velocity, attitude = self.v["position"], self.v["velocity"], self.v["attitude"]
         for row in rows:
             self.tick()
-            row[0] = self.step * H
+            row[0] = self.step * self.h
             row[1:4], row[4:7], row[7:11] = position, velocity, attitude
         return rows
 
