@@ -12,6 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.interpolate import RegularGridInterpolator
 
 from cosim.frames import deg_e7, geodetic_from_local
+from cosim.verdict import Role
+from cosim_models.autopilot.autopilot import Autopilot
 from cosim_models.autopilot.mission.terrain import TERRAIN_POINTS
 from tests.models.copter import ACCEPTED, LAND, Copter
 
@@ -113,6 +115,18 @@ def test_missions_fly_to_heights_above_the_terrain() -> None:
             assert copter.v["position"][0] == pytest.approx(north, abs=0.5)
             there = height(heights, north, east) - height(heights, 0.0, 0.0)
             assert -copter.v["position"][2] == pytest.approx(z + there, abs=1.0)
+
+
+def test_the_jammed_area_is_declared() -> None:
+    """For `<jamming gps="true">` of a network."""
+    declared = {v.verdict: v.name for v in Autopilot.variables if v.name.startswith("gps_jamming_")}
+    assert declared == {
+        Role.JAMMED_RADIUS: "gps_jamming_radius",
+        Role.JAMMED_NORTH: "gps_jamming_north",
+        Role.JAMMED_EAST: "gps_jamming_east",
+        Role.JAMMED_FROM: "gps_jamming_start",
+        Role.JAMMED_UNTIL: "gps_jamming_stop",
+    }
 
 
 def test_gps_is_jammed_within_the_area_and_its_time() -> None:

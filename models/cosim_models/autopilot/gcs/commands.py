@@ -101,6 +101,7 @@ from cosim_models.autopilot.gcs.words import (
     UNKNOWN_FRAME,
     say,
 )
+from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILABLE_MODES_MONITOR, ask_for_modes
 
 __all__ = ["Firmware", "firmware", "receiver", "told"]
 
@@ -109,6 +110,7 @@ _FRAMES = (0, 3, 5, 6, 10, 11)  # MAV_FRAMEs whose heights refer to the sea, hom
 _COMMAND_ACK = cast(int, np.int64(COMMAND_ACK))
 _MISSION_ACK = cast(int, np.int64(MISSION_ACK))
 _LOG_ENTRY = cast(int, np.int64(LOG_ENTRY))
+_MONITORED = 5.0  # s between AVAILABLE_MODES_MONITORs after the first request for modes
 _TERRAIN = cast(int, np.int64(TERRAIN_REPORT))
 _ABOVE_HOME = (3, 6)  # MAV_FRAMEs
 _TIMESYNC = cast(int, np.int64(TIMESYNC))
@@ -183,12 +185,15 @@ def _set_message_interval(m: Any, message: float, microseconds: float, t: float)
 
 
 @kernel
-def _request_message(m: Any, message: float, t: float) -> int:
+def _request_message(m: Any, message: float, argument: float, t: float) -> int:
     row = row_of(message)
     if is_absent(message):
         return MAV_RESULT_ACCEPTED
     if row < 0 or not can_answer(m):
         return MAV_RESULT_FAILED
+    if message == AVAILABLE_MODES:
+        ask_for_modes(m, argument)
+        set_interval(m, row_of(float(AVAILABLE_MODES_MONITOR)), _MONITORED, t)
     return MAV_RESULT_ACCEPTED if send_message(m, row, t) else MAV_RESULT_FAILED
 
 
@@ -197,8 +202,8 @@ def _tell_home(m: Any, t: float) -> int:
     """Sends HOME_POSITION and GPS_GLOBAL_ORIGIN."""
     if not ready(m, t):
         return MAV_RESULT_FAILED
-    result = _request_message(m, float(HOME_POSITION), t)
-    _request_message(m, float(GPS_GLOBAL_ORIGIN), t)
+    result = _request_message(m, float(HOME_POSITION), 0.0, t)
+    _request_message(m, float(GPS_GLOBAL_ORIGIN), 0.0, t)
     return result
 
 
@@ -307,11 +312,11 @@ def _commands(of: Firmware) -> Callable[[Any, int, tuple[float, float, float, fl
         if command == MAV_CMD_SET_MESSAGE_INTERVAL:
             return _set_message_interval(m, p1, p2, t)
         if command == MAV_CMD_REQUEST_MESSAGE:
-            return _request_message(m, p1, t)
+            return _request_message(m, p1, p2, t)
         if command == MAV_CMD_GET_HOME_POSITION:
             return _tell_home(m, t)
         if command == MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
-            return _request_message(m, float(AUTOPILOT_VERSION), t) if p1 == 1.0 else MAV_RESULT_FAILED
+            return _request_message(m, float(AUTOPILOT_VERSION), 0.0, t) if p1 == 1.0 else MAV_RESULT_FAILED
         result = answer(m, command, p, t)
         return int(command_of(m, command, p1, p2, p7, t)) if result == NOT_HERE else int(result)
 

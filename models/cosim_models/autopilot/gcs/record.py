@@ -130,6 +130,9 @@ _MEMORY = (
     Memory("repeat_pulse", dtype="i4", rare=True),  # us
     Memory("repeat_every", rare=True),  # s
     Memory("repeat_at", rare=True),  # s
+    Memory("modes_asked", dtype="?", rare=True),  # AVAILABLE_MODES
+    Memory("mode_asked", dtype="i4", rare=True),  # index, 0: one after the other
+    Memory("mode_told", dtype="i4", rare=True),
     Memory("logs_told", dtype="?", rare=True),
     *STICK_MEMORY,
     Memory("component_known", dtype="u1", shape=256, rare=True),  # 1: heard from this component of the own system

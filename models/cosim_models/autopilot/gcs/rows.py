@@ -55,6 +55,7 @@ from cosim.messages import (
     VFR_HUD,
     VIBRATION,
 )
+from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILABLE_MODES_MONITOR
 
 __all__ = ["ROWS", "group_of", "is_absent", "message_of", "row_of"]
 
@@ -98,6 +99,8 @@ _TABLE = (
     (FLIGHT_INFORMATION, _NONE),
     (AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, _NONE),
     (RELAY_STATUS, _NONE),
+    (AVAILABLE_MODES, _NONE),
+    (AVAILABLE_MODES_MONITOR, _NONE),
 )
 ROWS = len(_TABLE)
 _IDS = np.array([message for message, _ in _TABLE], dtype=np.int64)

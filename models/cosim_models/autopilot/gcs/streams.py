@@ -65,10 +65,12 @@ from cosim.messages import (
 )
 from cosim.packets import clear
 from cosim_models.autopilot.gcs.devices import continue_repetition
-from cosim_models.autopilot.gcs.rows import ROWS, message_of
+from cosim_models.autopilot.gcs.modes import MODES_INTERVAL, send_modes
+from cosim_models.autopilot.gcs.rows import ROWS, message_of, row_of
 from cosim_models.autopilot.gcs.sending import send
 from cosim_models.autopilot.gcs.sensors import put_sensed
 from cosim_models.autopilot.gcs.words import ARMED, DISARMED, say
+from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILABLE_MODES_MONITOR
 
 __all__ = ["heading", "put_mission_current", "ready", "send_message", "set_interval", "start_streams", "stream"]
 
@@ -223,6 +225,8 @@ def _send_motion(m: Any, row: int, t: float) -> bool:
 @kernel
 def send_message(m: Any, row: int, t: float) -> bool:
     """Sends the message of a row; true, too, if there is nothing to report yet."""
+    if message_of(row) in (AVAILABLE_MODES, AVAILABLE_MODES_MONITOR):
+        return send_modes(m, message_of(row))
     if message_of(row) in (
         GLOBAL_POSITION_INT,
         GPS_RAW_INT,
@@ -244,6 +248,7 @@ def start_streams(m: Any) -> None:
     m.listed = -1
     m.told_mode = m.mode
     m.interval[0] = 1.0
+    m.interval[row_of(float(AVAILABLE_MODES))] = 0.0 if m.kind == MAV_TYPE_QUADROTOR else MODES_INTERVAL
 
 
 @kernel

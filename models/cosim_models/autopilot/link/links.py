@@ -17,7 +17,7 @@ import numpy as np
 
 from cosim.kernel import kernel
 from cosim.messages import MAV_COMP_ID_AUTOPILOT1
-from cosim.packets import MAX_PACKET, pack
+from cosim.packets import MAX_PACKET, pack, pack_defined
 
 __all__ = [
     "LINKS",
@@ -28,6 +28,7 @@ __all__ = [
     "microseconds",
     "milliseconds",
     "send",
+    "send_defined",
     "send_to_all",
 ]
 
@@ -62,6 +63,26 @@ def send(m: Any, message: int) -> bool:
         if n >= 0:
             m.serial_tx_len = n
     return bool(n >= 0)
+
+
+@kernel
+def send_defined(m: Any, message: int, crc_extra: int, length: int) -> bool:
+    """Like `send`, for a message of another dialect, given its CRC_EXTRA and its length."""
+    link, sender, version = m.link, m.SYSID_THISMAV, m.link_version[m.link]
+    used = m.mavlink_tx_len if link == MAVLINK else m.telemetry_tx_len if link == TELEMETRY else m.serial_tx_len
+    buffer = m.mavlink_tx if link == MAVLINK else m.telemetry_tx if link == TELEMETRY else m.serial_tx
+    number, part = m.sequence[link], MAV_COMP_ID_AUTOPILOT1
+    n = pack_defined(buffer, used, m.payload, message, crc_extra, length, length, number, sender, part, version)
+    if n < 0:
+        return False
+    m.sequence[link] = (number + 1) % 256
+    if link == MAVLINK:
+        m.mavlink_tx_len = n
+    elif link == TELEMETRY:
+        m.telemetry_tx_len = n
+    else:
+        m.serial_tx_len = n
+    return True
 
 
 @kernel

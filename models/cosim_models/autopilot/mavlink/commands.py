@@ -118,6 +118,7 @@ from cosim_models.autopilot.flight.auto import change_speed
 from cosim_models.autopilot.flight.guided import take_off
 from cosim_models.autopilot.flight.sticks import hear_manual_control, hear_override
 from cosim_models.autopilot.flight.yaw import turn_by
+from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILABLE_MODES_MONITOR, ask_for_modes
 from cosim_models.autopilot.link.links import can_answer
 from cosim_models.autopilot.link.statustext import (
     DEBUG,
@@ -172,6 +173,7 @@ from cosim_models.autopilot.record.streams import STREAM_COUNT, is_silent, strea
 __all__ = ["receive"]
 
 
+_MONITORED = 5.0  # s between AVAILABLE_MODES_MONITORs after the first request for modes
 _SHORTEST, _ACK = 13, 22  # bytes of a COMMAND_LONG that contains only zeros, and of its COMMAND_ACK
 
 
@@ -239,6 +241,9 @@ def _request_message(m: Any, message: float, argument: float, t: float) -> int:
         return MAV_RESULT_ACCEPTED
     if row < 0 or not can_answer(m):
         return MAV_RESULT_FAILED
+    if message == AVAILABLE_MODES:
+        ask_for_modes(m, argument)
+        set_interval(m, stream_of(AVAILABLE_MODES_MONITOR), _MONITORED, t)
     return MAV_RESULT_ACCEPTED if send_message(m, row, t) else MAV_RESULT_FAILED
 
 

@@ -54,7 +54,18 @@ from cosim_models.autopilot.commander.battery import battery_remaining
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.state import landed_state, position_ready, reported_mode
 from cosim_models.autopilot.flight.terrain_following import destination_up
-from cosim_models.autopilot.link.links import can_answer, microseconds, milliseconds, send
+from cosim_models.autopilot.link.available_modes import (
+    AVAILABLE_MODES,
+    AVAILABLE_MODES_MONITOR,
+    COPTER_MODES,
+    MODES_CRC,
+    MODES_LENGTH,
+    MONITOR_CRC,
+    MONITOR_LENGTH,
+    next_mode,
+    put_mode,
+)
+from cosim_models.autopilot.link.links import can_answer, microseconds, milliseconds, send, send_defined
 from cosim_models.autopilot.link.statustext import ERROR, LOG_DISARM, NO_NUMBER, say_here
 from cosim_models.autopilot.mavlink.sensor_messages import fill_pressure, fill_scaled_imu, pressure
 from cosim_models.autopilot.mavlink.status_messages import going
@@ -255,6 +266,18 @@ def _send_state(m: Any, t: float) -> bool:
 
 
 @kernel
+def _send_mode(m: Any) -> bool:
+    """Sends AVAILABLE_MODES, if one has been asked for."""
+    if not can_answer(m):
+        return False
+    index = next_mode(m, COPTER_MODES)
+    if index == 0:
+        return True
+    put_mode(m.payload, COPTER_MODES, index)
+    return send_defined(m, AVAILABLE_MODES, MODES_CRC, MODES_LENGTH)
+
+
+@kernel
 def send_requested(m: Any, message: int, t: float) -> bool:
     """Sends one of these messages, given by its id; returns whether it fitted."""
     if message in (SCALED_IMU2, SCALED_IMU3):
@@ -280,6 +303,11 @@ def send_requested(m: Any, message: int, t: float) -> bool:
         return _send_flight(m, t)
     if message == AUTOPILOT_STATE_FOR_GIMBAL_DEVICE:
         return _send_state(m, t)
+    if message == AVAILABLE_MODES:
+        return _send_mode(m)
+    if message == AVAILABLE_MODES_MONITOR:
+        m.payload[0] = 0  # the modes never change
+        return send_defined(m, AVAILABLE_MODES_MONITOR, MONITOR_CRC, MONITOR_LENGTH)
     if message == RELAY_STATUS:
         encode_relay_status(m.payload, milliseconds(t), 1 if m.relay_on else 0, 1)
         return send(m, RELAY_STATUS)

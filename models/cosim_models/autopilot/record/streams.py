@@ -60,6 +60,7 @@ from cosim.messages import (
     VIBRATION,
     WIND,
 )
+from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILABLE_MODES_MONITOR
 
 __all__ = ["HEARTBEAT_ROW", "STREAMS", "STREAM_COUNT", "is_silent", "message_of", "stream_group", "stream_of"]
 
@@ -108,6 +109,8 @@ _TABLE = (
     (FLIGHT_INFORMATION, _NONE),
     (AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, _NONE),
     (RELAY_STATUS, _NONE),
+    (AVAILABLE_MODES, _NONE),
+    (AVAILABLE_MODES_MONITOR, _NONE),
     (HEARTBEAT, _NONE),
 )
 STREAMS = tuple(message for message, _ in _TABLE)
@@ -140,7 +143,7 @@ _SILENT = np.array(
             271,
             277,
         ),
-        *(280, 281, 285, 295, 301, 373, 435, 436, 437, 9000, 9005, 11020, 11030),
+        *(280, 281, 285, 295, 301, 373, 9000, 9005, 11020, 11030),
     ),
     dtype=np.int64,
 )

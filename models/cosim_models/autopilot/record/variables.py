@@ -101,6 +101,9 @@ MEMORY = (
     Memory("booted_at"),  # of the run; all other times count from it
     Memory("rebooting", dtype="?"),  # a reboot is due, or its silence
     Memory("restart_at", rare=True),  # -1: the restart has been
+    Memory("modes_asked", dtype="?", rare=True),  # AVAILABLE_MODES
+    Memory("mode_asked", dtype="i4", rare=True),  # index, 0: one after the other
+    Memory("mode_told", dtype="i4", rare=True),
     Memory("tells_elevation", dtype="?", rare=True),
     Memory("arming_delay", dtype="?"),
     Memory("auto_armed", dtype="?"),
