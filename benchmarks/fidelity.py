@@ -22,7 +22,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.flights import ERRORS, Flight, approach, arm, goes_to_start, on_the_ground, perform, read, upload
+from benchmarks.flights import (
+    BEFORE,
+    ERRORS,
+    HEIGHT,
+    Flight,
+    approach,
+    arm,
+    goes_to_start,
+    hurries,
+    hurry,
+    on_the_ground,
+    perform,
+    read,
+    upload,
+)
 from cosim import Model
 from cosim.frames import euler_from_quaternion, quaternion_from_euler
 from cosim_models.vehicles.quadrotor import Quadrotor
@@ -58,34 +72,70 @@ def heading_of(flight: Flight) -> float:
     return math.radians((float(flight.real["yaw"][0]) + 180.0) % 360.0 - 180.0)
 
 
+GROUND = {"json": 0.0, "x": -0.1}
+"""Place of the vehicle on the ground [m, down], by body: ArduPilot's own counts from below its frame's height."""
+
+
 class Misled(Copter):
     """A copter that senses its motion with recorded errors: the first ones until `begin` is called."""
 
     def __post_init__(self) -> None:
-        self._row, self._rows = 0, np.zeros((1, len(ERRORS)))
+        self._row, self._rows, self._zero = 0, np.zeros((1, len(ERRORS))), 0
         self._begun = False
         super().__post_init__()
 
     def errs(self, flight: Flight) -> None:
-        """Takes the errors of a flight; those of the position count from its command on."""
+        """Takes the errors of a flight, those before its command too."""
         assert flight.errors is not None
-        time = np.arange(0.0, float(flight.real["t"][-1]), H)
-        self._rows = np.column_stack([np.interp(time, flight.real["t"], column) for column in flight.errors.T])
-        self._rows[:, :3] -= self._rows[0, :3]
+        table = np.column_stack([flight.real["t"], flight.errors])
+        if flight.before is not None:
+            table = np.concatenate([flight.before, table])
+        self._zero = round(-table[0, 0] / H)
+        time = H * np.arange(-self._zero, round(table[-1, 0] / H))
+        self._rows = np.column_stack([np.interp(time, table[:, 0], column) for column in table[:, 1:].T])
+        self._rows[:, 2] += GROUND[flight.body]
         self._rows[:, 6:] = np.radians(self._rows[:, 6:])
 
-    def begin(self) -> None:
-        self._begun = True
+    def begin(self, lead: float) -> None:
+        """Errs by the time from now on, `lead` seconds before the command."""
+        self._row, self._begun = self._zero - round(lead / H), True
 
     def _connect(self) -> None:
         super()._connect()
-        error = self._rows[min(self._row, len(self._rows) - 1)]
+        error = self._rows[min(max(self._row, 0), len(self._rows) - 1)]
         self._row += self._begun
         self.m["position"][:] += error[:3]
         self.m["velocity"][:] += error[3:6]
         w, x, y, z = (float(part) for part in self.m["attitude"])
         roll, pitch, yaw = euler_from_quaternion((w, x, y, z))
         self.m["attitude"][:] = quaternion_from_euler(roll + error[6], pitch + error[7], yaw + error[8])
+
+
+def errs(flight: Flight, true: bool) -> bool:
+    """Returns whether ours flies with the errors of the estimate: not where sensors or a motor fail."""
+    fails = any(not name.startswith("SIM_BATT") for name in flight.head.get("set", {}))
+    return flight.errors is not None and not true and not fails
+
+
+def _come(copter: Copter, flight: Flight) -> None:
+    """Flies to the place of the command, and errs there as ArduCopter did before it."""
+    head = flight.head
+    if not isinstance(copter, Misled):
+        start = [0.0, 0.0, float(flight.real["d"][0])]
+        approach(copter, head if goes_to_start(head) else {**head, "start": start})
+        hurry(copter, head)
+        return
+    approach(copter, head)
+    lead = (
+        float(head.get("before", BEFORE))
+        if hurries(head)
+        else -float(flight.before[0, 0] if flight.before is not None else 0.0)
+    )
+    copter.begin(lead)
+    if hurries(head):
+        hurry(copter, head)
+    else:
+        copter.run(lead)
 
 
 def fly(
@@ -106,22 +156,24 @@ def fly(
     heading = 0.0 if goes_to_start(head) or flight.kind == "mission" else heading_of(flight)
     vehicle = {**(preset_of(flight) if body is None else body), "yaw_start": heading}
     values = {**parameters_of(flight), **parameters}
-    erring = flight.errors is not None and not true and flight.kind != "failure"
-    copter = (Misled if erring else Copter)(model, autopilot=values, vehicle=vehicle, direct=True)
+    copter = (Misled if errs(flight, true) else Copter)(model, autopilot=values, vehicle=vehicle, direct=True)
     if isinstance(copter, Misled):
         copter.errs(flight)
     copter.run(3.0)
     if on_the_ground(head) and "mission" in head:
         upload(copter, head["mission"])
     arm(copter)
-    copter.run(head.get("armed", ARMED_BEFORE[flight.body]) - 2 * H)
+    armed = head.get("armed", ARMED_BEFORE[flight.body]) - 2 * H
+    if isinstance(copter, Misled) and "home" in head:
+        copter.m["home_neu"][:] = head["home"]
+    if isinstance(copter, Misled) and on_the_ground(head):
+        copter.begin(armed)
+    copter.run(armed)
     if not on_the_ground(head):
-        approach(copter, head if goes_to_start(head) else {**head, "start": [0.0, 0.0, float(flight.real["d"][0])]})
-    if flight.target is not None:
+        _come(copter, flight)
+    if flight.target is not None and not isinstance(copter, Misled):
         desired = np.array([flight.real[f"des_{axis}"][0] for axis in "ned"])
         head = {**head, "target": copter.m["desired_position"] + flight.target - desired}
-    if isinstance(copter, Misled):
-        copter.begin()
     rows: NDArray[np.float64] = perform(copter, head, float(flight.real["t"][-1]))
     rows[:, 0] -= rows[0, 0] - H
     return rows[:, :7]
@@ -148,10 +200,11 @@ def along(time: NDArray[np.float64], position: NDArray[np.float64], target: NDAr
     }
 
 
-def upwards(time: NDArray[np.float64], position: NDArray[np.float64]) -> dict[str, float]:
-    """Figures of a take-off."""
+def upwards(time: NDArray[np.float64], position: NDArray[np.float64], wanted: float) -> dict[str, float]:
+    """Figures of a take-off to the height `wanted` [m]: when it passes heights up to nine tenths of that."""
     up = -position[:, 2]
-    figures = {f"to {height:g} m": _first(time, up >= height) for height in HEIGHTS}
+    heights = [height for height in HEIGHTS if height <= 0.9 * wanted]
+    figures = {f"to {height:g} m": _first(time, up >= height) for height in heights}
     return {**figures, "highest": float(up.max()), "vmax": float(np.gradient(up, time).max())}
 
 
@@ -173,23 +226,30 @@ def free(time: NDArray[np.float64], position: NDArray[np.float64], velocity: NDA
     }
 
 
-def compare(flight: Flight, rows: NDArray[np.float64]) -> dict[str, tuple[float, float]]:
-    """Each figure as ArduCopter's and ours; `rms` and `farthest` are the distance [m] between the two."""
+def compare(flight: Flight, rows: NDArray[np.float64], true: bool = False) -> dict[str, tuple[float, float]]:
+    """Each figure as ArduCopter's and ours; `rms` and `farthest` are the distance [m] between the two.
+
+    Args:
+        rows: what `fly` returned.
+        true: as it was told.
+    """
     real = flight.real
-    true = np.column_stack([real[axis] - real[axis][0] for axis in "ned"])
+    path = np.column_stack([real[axis] - real[axis][0] for axis in "ned"])
     ours = rows[:, 1:4] - rows[0, 1:4]
     if flight.kind == "take-off":
-        theirs, mine = upwards(real["t"], true), upwards(rows[:, 0], ours)
+        wanted = float(flight.head.get("height", HEIGHT))
+        theirs, mine = upwards(real["t"], path, wanted), upwards(rows[:, 0], ours, wanted)
     elif flight.target is None:
         flown = np.column_stack([real[f"v{axis}"] for axis in "ned"])
-        theirs, mine = free(real["t"], true, flown), free(rows[:, 0], ours, rows[:, 4:7])
+        theirs, mine = free(real["t"], path, flown), free(rows[:, 0], ours, rows[:, 4:7])
     else:
         begin = np.array([real[axis][0] for axis in "ned"])
+        ground = np.array([0.0, 0.0, GROUND[flight.body]])
         desired = np.array([real[f"des_{axis}"][0] for axis in "ned"])
-        theirs = along(real["t"], true, flight.target - begin)
-        mine = along(rows[:, 0], ours, flight.target - desired)
+        theirs = along(real["t"], path, flight.target + ground - begin)
+        mine = along(rows[:, 0], ours, flight.target - (rows[0, 1:4] if errs(flight, true) else desired))
     there = np.column_stack([np.interp(real["t"], rows[:, 0], ours[:, i]) for i in range(3)])
-    gap = np.linalg.norm(there - true, axis=1)
+    gap = np.linalg.norm(there - path, axis=1)
     found = {name: (theirs[name], mine[name]) for name in theirs}
     return {**found, "rms": (0.0, float(np.sqrt(np.mean(gap**2)))), "farthest": (0.0, float(gap.max()))}
 
@@ -218,7 +278,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows = good = near = flights = 0
     for path in options.flights or sorted(RECORDINGS.glob("*.csv.gz")):
         flight = read(path)
-        for name, (theirs, mine) in compare(flight, fly(flight, parameters, true=options.true)).items():
+        for name, (theirs, mine) in compare(flight, fly(flight, parameters, true=options.true), options.true).items():
             share = f"{100 * (mine / theirs - 1):+.1f} %" if theirs else ""
             found = verdict(flight, name, theirs, mine)
             rows, good = rows + bool(found), good + (found == "ok")

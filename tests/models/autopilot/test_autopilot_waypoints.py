@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim.frames import EARTH_RADIUS_ARDUPILOT
+from cosim_models.autopilot.control.scurve import CLOCK, CONSTANT, LEG, RISE
 from tests.models.autopilot.test_autopilot_auto import flying, reached
 from tests.models.autopilot.test_autopilot_missions import item
-from tests.models.copter import ACCEPTED, Copter
+from tests.models.copter import ACCEPTED, RTL, Copter, H
 
 WAYPOINT, SPEED = mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_DO_CHANGE_SPEED
 
@@ -95,3 +98,82 @@ def test_the_vehicle_is_waited_for() -> None:
     assert np.abs(flight[:, 7] - flight[:, 1]).max() < 4.0
     assert flight[:, 4].max() < 2.5
     assert reached(copter) == [1]
+
+
+# ---- as ArduCopter's ------------------------------------------------------------------------------------------------
+
+
+def watched(copter: Copter, duration: float, *names: str) -> np.ndarray[Any, Any]:
+    """Rows of time and variables of the autopilot, each step."""
+    rows = []
+    for _ in range(round(duration / H)):
+        copter.tick()
+        rows.append([copter.time, *(float(part) for name in names for part in np.ravel(copter.m[name]))])
+    return np.array(rows)
+
+
+def test_a_take_off_is_complete_within_its_stopping_distance() -> None:
+    """It is 0.5 (0.1 * 2.5 m/s)**2 / (1 m/s2) = 0.03125 m; ArduCopter of 2024 took 90 % of the way."""
+    copter = Copter().in_the_air(6.0, 0.0)
+    rows = watched(copter, 9.0, "takeoff_done", "desired_position_neu", "desired_velocity_neu")
+    done = int(np.argmax(rows[:, 1]))
+    assert 5.96875 <= rows[done, 4] < 5.96875 + 0.25 * 2.0 * H
+    assert 0.0 < rows[done, 7] < 0.25
+    slow = int(np.argmax((rows[:, 7] < 0.25) & (rows[:, 4] > 3.0)))
+    assert slow < done  # the climb rate was low enough before
+
+
+def test_the_corner_above_a_climb_begins_when_the_climb_rate_falls_by_less_than_its_limit() -> None:
+    """RTL from 10 m to 15 m: the middle of the corner is on the plateau of -1 m/s2 for the first 0.37 s of the fall.
+
+    The plateau is the limit, to a digit of ArduCopter's 32-bit numbers: 13 of its 19 recorded corners began after it.
+    """
+    copter = Copter().in_the_air(10.0, 14.0)
+    copter.go(20.0, 0.0, -10.0)
+    copter.run(14.0)
+    copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, RTL)
+    rows = watched(copter, 5.0, "legs")
+    this = rows[:, 1:].reshape(len(rows), 3, LEG)[:, 1]
+    following = rows[:, 1:].reshape(len(rows), 3, LEG)[:, 2]
+    fall = rows[np.argmax((this[:, CLOCK] > 0.0) & (this[:, CLOCK] >= this[:, RISE] + this[:, CONSTANT])), 0]
+    corner = rows[np.argmax(following[:, CLOCK] > 0.0), 0]
+    assert corner - fall == pytest.approx(0.38, abs=0.03)
+
+
+def test_a_landing_after_a_way_keeps_the_desired_motion() -> None:
+    """ArduCopter begins its controllers anew only where they do not run."""
+    copter = flying(item(1, mavlink.MAV_CMD_NAV_LAND, north=6.0, z=0.0))
+    rows = watched(copter, 12.0, "auto_stage", "desired_position_neu")
+    lands = int(np.argmax(rows[:, 1]))
+    assert rows[lands, 1] == 1.0
+    assert rows[lands, 2:4] == pytest.approx(rows[lands - 1, 2:4], abs=1e-5)
+    assert abs(rows[lands, 2] - 6.0) < 0.01
+
+
+def test_the_lean_stays_when_a_way_begins() -> None:
+    """Hovering in wind: the demanded acceleration goes on where it was, although the vehicle's is noise."""
+    copter = Copter(vehicle={"wind": (4.0, 0.0, 0.0)}).in_the_air(10.0, 20.0)
+    before = float(copter.m["target_acceleration_neu"][0])
+    assert before < -0.1
+    copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, RTL)
+    rows = watched(copter, 0.05, "target_acceleration_neu", "desired_acceleration_neu")
+    assert np.abs(rows[:, 1] - before).max() < 0.005
+    assert rows[:2, 4:6] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_rtl_plans_in_whole_units_of_a_location() -> None:
+    """Home and the climb are on the grid of 1e-7 degrees, cut off; the climb begins a step after the mode."""
+    copter = Copter().in_the_air(10.0, 14.0)
+    copter.go(20.0, 10.0, -10.0)
+    copter.run(14.0)
+    copter.m["home_neu"][:2] = 1.5 * 0.0111319491, -2.7 * 0.0111319491 * math.cos(float(copter.m["origin_latitude"]))
+    copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, RTL)
+    rows = watched(copter, 0.1, "rtl_stage", "rtl_place", "guided_position_neu")
+    planned = int(np.argmax((rows[:, 1] == 0.0) & (np.arange(len(rows)) > 0)))
+    step = math.radians(1e-7) * EARTH_RADIUS_ARDUPILOT
+    east = step * math.cos(float(copter.m["origin_latitude"]))
+    assert rows[planned, 2:4] == pytest.approx((step, -2.0 * east), rel=1e-6)
+    climb = rows[planned, 4:6] / (step, east)
+    assert climb == pytest.approx(np.round(climb), abs=2e-3)
+    assert rows[planned, 4] == pytest.approx(20.0, abs=step + 5e-3)
+    assert rows[planned, 6] == pytest.approx(15.0, abs=0.01)

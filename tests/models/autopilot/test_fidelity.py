@@ -64,7 +64,7 @@ def test_moves_that_nothing_was_adjusted_to(name: str) -> None:
         assert ours == pytest.approx(theirs, rel=0.03), figure
     assert found["rms"][1] < 0.03
     assert found["end"][1] == pytest.approx(found["end"][0], abs=0.03)
-    true = compare(flight, fly(flight, {}, true=True))
+    true = compare(flight, fly(flight, {}, true=True), true=True)
     assert true["rms"][1] < 0.12
     assert true["end"][1] < 0.02
 
@@ -129,7 +129,9 @@ def test_what_was_flown_is_taken_from_the_motion_or_from_the_log(tmp_path: Path)
         ],
         **{kind: [(at, 0.0, value) for at, value in desired] for kind in ("PSCN", "PSCE", "PSCD")},
     }
-    rows = record.flown(log, None, 10.5, 1.0)
+    rows = record.flown(log, None, 10.5, 1.0, 0.2)
+    assert rows[:6, 0] == pytest.approx([-0.2, -0.16, -0.12, -0.08, -0.04, 0.0])
+    rows = rows[5:]
     for row in rows:
         assert row[11:] == pytest.approx([0.2, 0.3, 0.0, 0.1, 0.0, -0.1, 0.5, -0.5, 2.0], abs=1e-9)
     assert len(rows) == 25
@@ -142,6 +144,56 @@ def test_what_was_flown_is_taken_from_the_motion_or_from_the_log(tmp_path: Path)
     rows = record.flown(log, truth, 10.5, 1.0)
     assert rows[:, 1] == pytest.approx(10.5 + rows[:, 0])
     assert rows[:, 7] == pytest.approx(30.0)
+
+
+def test_rows_before_the_command(tmp_path: Path) -> None:
+    """They are errors only: the flight begins with its command, and ours errs by them before it."""
+    time = np.arange(-4.0, 6.01, 0.04)
+    shift = np.where(time < -1.0, 0.5, 0.0)
+    zeros = np.zeros_like(time)
+    table = np.column_stack([time, *[zeros] * 10, shift, *[zeros] * 8])
+    head = {"type": 4, "vel": [0.0, 0.0, 0.0], "start": [0.0, 0.0, -10.0], "home": [0.25, -0.5, 0.125]}
+    record.write(tmp_path / "json_held.csv.gz", head, table)
+    flight = read(tmp_path / "json_held.csv.gz")
+    assert flight.real["t"][0] == 0.0
+    assert len(flight.real["t"]) == 151
+    assert flight.before is not None
+    assert flight.before.shape == (100, 10)
+    assert flight.before[:, 0] == pytest.approx(np.arange(-4.0, -0.01, 0.04), abs=1e-9)
+    rows = fly(flight, {})
+    assert 0.1 < rows[0, 1] < 0.45  # since it senses itself 0.5 m behind its place, for 1 s
+    assert rows[0, 4] > 0.1
+    assert np.abs(rows[-1, 4:7]).max() < 0.02
+
+
+def test_where_home_was() -> None:
+    log = object.__new__(record.Log)
+    log.rows = {
+        "ORGN": [
+            (40.0, 0, -35.363262, 149.165237, 584.0),
+            (40.0, 1, -35.363262, 149.165237, 584.0),
+            (46.0, 0, -35.363262, 149.165237, 584.0),
+            (46.0, 1, -35.3632621, 149.1652371, 583.98),
+        ]
+    }
+    assert log.home() == pytest.approx([-0.011132, 0.009078, -0.02], abs=1e-6)
+
+
+def test_which_flights_err() -> None:
+    low, weak, rtl = (read(RECORDINGS / f"x_{name}.csv.gz") for name in ("battery_low", "weak_motor", "rtl"))
+    assert fidelity.errs(low, False) and fidelity.errs(rtl, False)
+    assert not fidelity.errs(weak, False)
+    assert not fidelity.errs(rtl, True)
+
+
+def test_a_take_off_has_figures_up_to_nine_tenths_of_its_height() -> None:
+    """Whether it reaches its very height is noise."""
+    time = np.array([0.0, 1.0, 2.0, 3.0])
+    position = np.column_stack([np.zeros(4), np.zeros(4), [0.0, -0.5, -4.0, -5.01]])
+    found = fidelity.upwards(time, position, 5.0)
+    assert list(found) == ["to 0.05 m", "to 0.5 m", "highest", "vmax"]
+    assert found["to 0.5 m"] == 1.0
+    assert list(fidelity.upwards(time, position, 10.0))[:4] == ["to 0.05 m", "to 0.5 m", "to 5 m", "to 9 m"]
 
 
 def test_how_long_a_velocity_was_flown_before() -> None:

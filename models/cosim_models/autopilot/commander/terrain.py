@@ -11,7 +11,7 @@ from typing import Any
 
 from cosim.kernel import kernel
 from cosim_models.autopilot.commander.actions import RETURNS, act
-from cosim_models.autopilot.flight.guided import start_rtl
+from cosim_models.autopilot.flight.returning.rtl import start_rtl
 from cosim_models.autopilot.link.statustext import CRITICAL, NO_NUMBER, RTL_RESTARTS, TERRAIN_LOST, say
 from cosim_models.autopilot.record.modes import AUTO, GUIDED, RTL
 

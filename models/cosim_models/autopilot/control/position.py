@@ -108,19 +108,21 @@ def _leaning_acceleration(m: Any) -> tuple[float, float]:
 
 @kernel
 def initialise_ne(m: Any) -> None:
-    """Sets the desired horizontal motion to the current one, and the integral such that the lean angles stay."""
+    """Sets the desired horizontal motion to the current one, and the integral such that the lean angles stay.
+
+    The measured acceleration is noise, so that none is desired.
+    """
     m.desired_position_neu[0] = m.position_neu[0]
     m.desired_position_neu[1] = m.position_neu[1]
     m.desired_velocity_neu[0] = m.velocity_neu[0]
     m.desired_velocity_neu[1] = m.velocity_neu[1]
-    an, ae = limit_length(m.acceleration_neu[0], m.acceleration_neu[1], m.accel_max)
-    m.desired_acceleration_neu[0] = an
-    m.desired_acceleration_neu[1] = ae
+    m.desired_acceleration_neu[0] = 0.0
+    m.desired_acceleration_neu[1] = 0.0
     tn, te = _leaning_acceleration(m)
     m.target_acceleration_neu[0] = tn
     m.target_acceleration_neu[1] = te
-    m.velocity_pid[4] = tn - an
-    m.velocity_pid[5] = te - ae
+    m.velocity_pid[4] = tn
+    m.velocity_pid[5] = te
     m.velocity_pid[6] = 0.0
     m.limit_neu[0] = 0.0
     m.limit_neu[1] = 0.0
@@ -142,7 +144,6 @@ def stop_ne(m: Any) -> None:
     m.desired_position_neu[0], m.desired_position_neu[1] = stopping_ne(m)
     for i in range(2):
         m.desired_velocity_neu[i] = 0.0
-        m.desired_acceleration_neu[i] = 0.0
 
 
 @kernel
@@ -167,7 +168,7 @@ def relax_ne(m: Any, dt: float) -> None:
     keep = 1.0 - dt / (dt + _RELAX)
     for i in range(2):
         m.target_acceleration_neu[i] *= keep
-        m.velocity_pid[4 + i] = m.target_acceleration_neu[i] - m.desired_acceleration_neu[i]
+        m.velocity_pid[4 + i] = m.target_acceleration_neu[i]
 
 
 @kernel

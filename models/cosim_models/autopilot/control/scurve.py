@@ -21,6 +21,7 @@ __all__ = [
     "CLOCK",
     "CONSTANT",
     "DURATION",
+    "EARLY",
     "LEG",
     "LENGTH",
     "RISE",
@@ -48,7 +49,11 @@ acceleration; limits."""
 OVER, FALL_END, FALL_SPEED = 26, 27, 28
 """Way of the profiles beyond the end of the leg, if they do not fit, and time and speed at which the deceleration
 ends."""
-LEG = 29
+EARLY = 29
+"""Time before the end of the leg at which ArduCopter takes it for ended."""
+LEG = 30
+_REST = 1e-6  # m/s
+_RESOLUTION = 4.0 * 2.0**-23  # of the length of a leg: some units in the last place of ArduCopter's 32-bit numbers
 
 
 @kernel
@@ -172,6 +177,17 @@ def plan_leg(
     leg[CONSTANT] = max(length / reached - leg[RISE], 0.0)
     leg[DURATION] = 2.0 * leg[RISE] + leg[CONSTANT]
     leg[FALL_END] = leg[DURATION]
+    leg[EARLY] = _unseen(leg)
+
+
+@kernel
+def _unseen(leg: Any) -> float:
+    """Returns the time before the end, at rest, in which the rest of the way is below the resolution of 32 bits.
+
+    Its jerk begins with pi**2 t**2 / (4 tj**2), of which the way is the third integral.
+    """
+    tj, way = leg[FALL_TJ], _RESOLUTION * leg[LENGTH]
+    return float(min((240.0 * way * tj * tj / (math.pi * math.pi * leg[FALL_JERK])) ** 0.2, tj))
 
 
 @kernel
@@ -277,6 +293,7 @@ def _fit(leg: Any) -> None:
     way = 0.5 * (leg[BEGIN] + top) * leg[RISE] + 0.5 * (top + leg[END]) * leg[FALL]
     leg[CONSTANT] = max((leg[LENGTH] - way) / top, 0.0)
     leg[OVER] = max(way - leg[LENGTH], 0.0)
+    leg[EARLY] = _unseen(leg) if leg[END] < _REST else 0.0
     leg[FALL_END] = leg[RISE] + leg[CONSTANT] + leg[FALL]
     leg[DURATION] = leg[FALL_END]
     if leg[OVER] > 0.0:

@@ -64,13 +64,11 @@ from cosim_models.autopilot.control.position import initialise_up, stop_ne, stop
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.circle import begin_circle, go_round, nearest_on_circle
 from cosim_models.autopilot.flight.guided import (
+    land_on,
     rest_on_ground,
     run_land,
-    run_rtl,
     run_takeoff,
     standard_limits,
-    start_land,
-    start_rtl,
     start_takeoff,
 )
 from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo
@@ -85,6 +83,7 @@ from cosim_models.autopilot.flight.plans.order import (
     place_after,
     stays,
 )
+from cosim_models.autopilot.flight.returning.rtl import run_rtl, start_rtl
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.terrain_following import destination_up
 from cosim_models.autopilot.flight.waypoints import (
@@ -342,7 +341,7 @@ def _land_here(m: Any) -> None:
     leave_legs(m)
     m.auto_stage = _THERE
     m.auto_landing = True
-    start_land(m)
+    land_on(m)
 
 
 @kernel

@@ -1,9 +1,8 @@
-"""Autonomous flight: GUIDED, take-off, landing, RTL and BRAKE, as in ArduCopter.
+"""Autonomous flight: GUIDED, take-off, landing, the end of RTL, and BRAKE, as in ArduCopter.
 
 Kernels over the autopilot's record `m`, called once per step; they call the position and attitude controllers. Commands
 use `take_off` and the `guide_*` functions. Vectors are north, east, UP from the local origin, SI units. Modes flown by
-hand are in `manual`, the mode switching is in `modes`, the heading in `yaw`, the destination of RTL in `rally`.
-
+hand are in `manual`, the mode switching is in `modes`, the heading in `yaw`, the way of RTL in `returning.rtl`.
 
 Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_guided, mode_brake, mode_land, mode_rtl, takeoff.
 """
@@ -39,22 +38,16 @@ from cosim_models.autopilot.control.position import (
 from cosim_models.autopilot.control.shaping import clip, sqrt_controller
 from cosim_models.autopilot.flight.angles import run_angle
 from cosim_models.autopilot.flight.avoidance import avoids, slow_at_fences, slow_at_heights
-from cosim_models.autopilot.flight.returning.return_height import return_height, return_source
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.terrain_following import lower, margin_share, raise_up, refer_heights, see_terrain
-from cosim_models.autopilot.flight.waypoints import add_leg, fly_leg, set_leg, start_legs
 from cosim_models.autopilot.flight.yaw import (
     default_nose,
     hold_heading,
     lean,
-    points_there,
     stop_turning,
-    turn_as_armed,
 )
-from cosim_models.autopilot.mission.rally import best_return
 from cosim_models.autopilot.mission.terrain import (
     BY_RANGE,
-    NO_TERRAIN,
     height_above_ground,
     measured_terrain,
     range_is_healthy,
@@ -63,16 +56,13 @@ from cosim_models.autopilot.mission.terrain import (
 from cosim_models.autopilot.record.modes import (
     ACCELERATION,
     ANGLE,
-    CLIMB,
     DESCEND,
     FINAL,
     GUIDED,
     POSITION,
     POSITION_VELOCITY,
-    RETURN,
     TAKEOFF,
     VELOCITY,
-    WAIT,
 )
 
 __all__ = [
@@ -85,21 +75,22 @@ __all__ = [
     "guide_position_velocity",
     "guide_stop",
     "guide_velocity",
+    "land_on",
     "rest_on_ground",
     "run_land",
     "run_paused",
-    "run_rtl",
     "run_takeoff",
     "start_brake",
+    "start_control",
     "start_descent",
     "start_land",
-    "start_rtl",
     "start_takeoff",
     "take_off",
 ]
 
 
 _TAKEOFF_THROTTLE = 0.9
+_TAKEOFF_SLOW = 0.1  # of the climb rate, below which a take-off may end; and within its stopping distance
 _BRAKE_ACCEL = 7.5  # m/s2
 _BRAKE_CLIMB = 2.5  # m/s
 
@@ -133,7 +124,7 @@ def start_brake(m: Any, t: float) -> None:
 
 
 @kernel
-def _start_control(m: Any) -> None:
+def start_control(m: Any) -> None:
     """Sets standard limits, initialises the controllers from the current motion, and the heading by WP_YAW_BEHAVIOR."""
     standard_limits(m)
     initialise_ne(m)
@@ -145,7 +136,7 @@ def _start_control(m: Any) -> None:
 @kernel
 def guide_stop(m: Any, t: float) -> None:
     """Stops in GUIDED and waits for targets."""
-    _start_control(m)
+    start_control(m)
     m.paused = False
     m.submode = VELOCITY
     m.guided_time = t
@@ -157,7 +148,7 @@ def guide_stop(m: Any, t: float) -> None:
 @kernel
 def _enter_submode(m: Any, submode: int) -> None:
     if m.submode != submode:
-        _start_control(m)
+        start_control(m)
         m.submode = submode
 
 
@@ -232,7 +223,6 @@ def start_takeoff(m: Any, up: float) -> None:
     standard_limits(m)
     m.submode = TAKEOFF
     hold_heading(m)
-    m.takeoff_from = m.position_neu[2]
     m.takeoff_to = up
     m.above_terrain = False
     m.takeoff_done = False
@@ -243,32 +233,19 @@ def start_takeoff(m: Any, up: float) -> None:
 
 @kernel
 def start_land(m: Any) -> None:
-    m.land_pause = 0.0
-    standard_limits(m)
+    """Begins a landing from any motion."""
+    land_on(m)
     initialise_ne(m)
     initialise_up(m)
-    hold_heading(m)
 
 
 @kernel
-def start_rtl(m: Any) -> None:
-    """Begins RTL to home or the best rally point: climb, return, wait, descend."""
-    _start_control(m)
+def land_on(m: Any) -> None:
+    """Begins a landing where the position controllers run already: they keep their desired motion."""
+    m.terrain_on = False
+    m.land_pause = 0.0
+    standard_limits(m)
     hold_heading(m)
-    m.submode = POSITION
-    m.rtl_stage = CLIMB
-    n, e, height = best_return(m)
-    m.rtl_place[0], m.rtl_place[1] = n, e
-    if m.RTL_SPEED > 0.0:
-        m.speed_max = 0.01 * m.RTL_SPEED
-    start_legs(m)
-    g = m.guided_position_neu
-    source = return_source(m)
-    up, above = return_height(m, n, e, height, source), source != NO_TERRAIN
-    if not above:
-        up = m.home_neu[2] + up
-    set_leg(m, g[0], g[1], up, above)
-    add_leg(m, n, e, g[2], above)
 
 
 @kernel
@@ -320,8 +297,9 @@ def run_takeoff(m: Any, dt: float) -> None:
     seek_position_up(m, m.takeoff_to, 0.0, dt)
     control_up(m, dt)
     lean(m, dt)
-    climbed = m.desired_position_neu[2] - m.takeoff_from >= 0.9 * (m.takeoff_to - m.takeoff_from)
-    if climbed and m.desired_velocity_neu[2] < 0.1 * m.speed_up:
+    slow = _TAKEOFF_SLOW * m.speed_up
+    left = m.takeoff_to - m.desired_position_neu[2]
+    if left <= 0.5 * slow * slow / m.accel_up and m.desired_velocity_neu[2] < slow:
         m.takeoff_done = True
 
 
@@ -476,7 +454,7 @@ def start_descent(m: Any) -> None:
         m.guided_position_neu[2] = m.home_neu[2] + 0.01 * m.RTL_ALT_FINAL
         return
     m.rtl_stage = DESCEND
-    start_land(m)
+    land_on(m)
 
 
 @kernel
@@ -488,26 +466,3 @@ def run_arrived(m: Any, dt: float) -> None:
         rest_on_ground(m, dt)
     else:
         _come_down(m, dt)
-
-
-@kernel
-def run_rtl(m: Any, t: float, dt: float) -> None:
-    if m.rtl_stage >= DESCEND:
-        run_arrived(m, dt)
-        return
-    if not m.armed or m.on_ground:
-        rest_on_ground(m, dt)
-        return
-    fly_leg(m, dt)
-    if m.rtl_stage == CLIMB:
-        if m.leg_reached:
-            m.rtl_stage = RETURN
-            set_leg(m, m.rtl_place[0], m.rtl_place[1], m.guided_position_neu[2], m.above_terrain)
-            default_nose(m)
-    elif m.rtl_stage == RETURN:
-        if m.leg_reached:
-            m.rtl_stage = WAIT
-            m.return_since = t
-            turn_as_armed(m)
-    elif t - m.return_since >= 0.001 * m.RTL_LOIT_TIME and points_there(m):
-        start_descent(m)

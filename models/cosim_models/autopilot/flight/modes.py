@@ -25,10 +25,8 @@ from cosim_models.autopilot.flight.guided import (
     rest_on_ground,
     run_guided,
     run_land,
-    run_rtl,
     start_brake,
     start_land,
-    start_rtl,
 )
 from cosim_models.autopilot.flight.manual import (
     run_alt_hold,
@@ -39,6 +37,7 @@ from cosim_models.autopilot.flight.manual import (
     start_circle,
     start_loiter,
 )
+from cosim_models.autopilot.flight.returning.rtl import run_rtl, start_rtl
 from cosim_models.autopilot.flight.returning.smart_rtl import leave_smart_rtl, run_smart_rtl, start_smart_rtl
 from cosim_models.autopilot.flight.state import needs_position, position_ready
 from cosim_models.autopilot.flight.tuning.autotune import (

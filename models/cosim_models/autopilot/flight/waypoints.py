@@ -35,6 +35,7 @@ from cosim_models.autopilot.control.scurve import (
     CLOCK,
     CONSTANT,
     DURATION,
+    EARLY,
     END,
     LEG,
     LENGTH,
@@ -82,6 +83,7 @@ _LAST, _THIS, _NEXT = 0, 1, 2
 _SAME = 1e-6  # difference of destinations [m] or speeds [1] that counts as none
 _SLACK = 0.05  # of the speed that may be missing before time goes slower
 _STILL = 3.45e-6  # m/s; ArduCopter takes the square of a slower target for zero
+_BELOW = 1.0 - 1e-6  # an acceleration at its limit is mostly not below it, by ArduCopter's 32-bit numbers
 _STOP_UP, _STOP_DOWN = 3.0, 2.0  # m, greatest stopping distances
 
 
@@ -394,7 +396,7 @@ def _turns_well(m: Any) -> bool:
         away < (0.01 * m.WPNAV_RADIUS) ** 2
         and speed < min(this[SPEED], following[SPEED]) ** 2
         and target[2, 0] ** 2 + target[2, 1] ** 2 < corner * corner
-        and abs(target[2, 2]) < min(this[CLIMB_ACCEL], following[CLIMB_ACCEL])
+        and abs(target[2, 2]) < _BELOW * min(this[CLIMB_ACCEL], following[CLIMB_ACCEL])
     )
 
 
@@ -404,7 +406,7 @@ def _advance_clocks(m: Any, dt: float) -> bool:
     last, this, following = m.legs[_LAST], m.legs[_THIS], m.legs[_NEXT]
     last[CLOCK] = min(last[CLOCK] + last[SHARE] * dt, last[DURATION])
     this[CLOCK] = min(this[CLOCK] + this[SHARE] * dt, this[DURATION])
-    ended = bool(this[CLOCK] >= this[DURATION])
+    ended = bool(this[CLOCK] >= this[DURATION] - this[EARLY])
     if m.leg_fast and following[CLOCK] == 0.0:
         if _turns_well(m):
             following[CLOCK] = min(following[SHARE] * dt, following[DURATION])

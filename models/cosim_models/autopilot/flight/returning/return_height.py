@@ -22,12 +22,19 @@ from cosim_models.autopilot.mission.terrain import (
     terrain_source,
 )
 
-__all__ = ["return_height", "return_source"]
+__all__ = ["return_height", "return_source", "whole_centimetres"]
 
 _RTL_ALT_MIN = 0.3  # m
 _RTL_CONE_MIN = 0.5
 _FENCE_MARGIN = 2.0  # m by which RTL stays below the highest fence
 _ABOVE_TERRAIN = 1  # RTL_ALT_TYPE
+_EXACT = 1e-6  # share of a centimetre by which whole numbers may be too small
+
+
+@kernel
+def whole_centimetres(up: float) -> float:
+    """Returns a height as ArduCopter keeps it: cut off to whole centimetres."""
+    return float(0.01 * math.floor(100.0 * up + _EXACT))
 
 
 @kernel
@@ -53,7 +60,7 @@ def return_height(m: Any, n: float, e: float, height: float, source: int) -> flo
         n, e, height: the place of return and its own height above home [m].
         source: that of the terrain; NO_TERRAIN for a height above home.
     """
-    now = m.position_neu[2] - m.home_neu[2]
+    now = whole_centimetres(m.position_neu[2]) - whole_centimetres(m.home_neu[2])
     highest = m.FENCE_ALT_MAX - _FENCE_MARGIN
     if source != NO_TERRAIN:
         now = ranged_height(m) if source == BY_RANGE else m.position_neu[2] - measured_terrain(m)[1]
