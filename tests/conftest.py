@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,7 @@ from hypothesis import HealthCheck, settings
 from cosim.build import build_all, models_of_package
 from cosim_master.fmi.slaves.isolated import Isolation
 from tests.cosim.shipped import models_with_kernels
+from tests.master.forks import Forks, forking
 
 ROOT = Path(__file__).parents[1]
 FMUS = ROOT / "fmus"
@@ -28,6 +31,11 @@ settings.register_profile("project", settings.get_profile("search"), derandomize
 settings.load_profile("project")
 """The same examples in every run (`--hypothesis-profile=search` takes others each time), and none fails for the time
 it takes: kernels are compiled when they are first called, and machines are busy."""
+
+
+gc.set_threshold(50_000, 20, 50)
+"""Collecting thousands of tests makes a million objects that stay: with Python's own limits, looking through them again
+and again took two fifths of the time of a collection of tests and a tenth of that of the tests."""
 
 
 @pytest.fixture(autouse=True)
@@ -101,6 +109,13 @@ def fmus(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
 def fmi3_fmus(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
     """The same folder, with the models that tests of builds go through also built as FMI 3.0: NAME.fmi3.fmu."""
     return _folder_of_all(tmp_path_factory, worker_id, 3)
+
+
+@pytest.fixture(scope="session")
+def forks() -> Iterator[Forks]:
+    """Runs of `uav-cosim` in processes of their own, which are forked."""
+    with forking() as started:
+        yield started
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,8 @@
 A block that begins with ```sh is run line by line in one folder; ```python FILE writes that file and runs it. Blocks
 marked ```sh clone are the two commands of a clone (`make demo`, `make test`), of which this test is a part. The README
 runs from an installed wheel with FMUs, as `make wheel` makes it; the guides run from the clone, without the commands
-that the README prints too.
+that the README prints too. The first command of a document is a process as in a terminal; those behind it are forks of
+a process that has imported the same packages (tests/master/forks.py), with the words that a shell would give them.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import pytest
 
 from cosim.build import HOST
 from cosim_master.system.shipped import digest_of_models
+from tests.master.forks import Forks, forking
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```(\w+)(?: ([^\n]+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -59,9 +61,9 @@ def test_documents_have_commands() -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("fmus")
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_every_command_runs_as_printed(document: str, tmp_path: Path) -> None:
+def test_every_command_runs_as_printed(document: str, tmp_path: Path, forks: Forks) -> None:
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    run_all(document, tmp_path, {**os.environ, "PATH": path}, commands_of("README.md"))
+    run_all(document, tmp_path, {**os.environ, "PATH": path}, forks, commands_of("README.md"))
 
 
 @pytest.mark.slow
@@ -78,25 +80,38 @@ def test_every_command_of_the_readme_runs_from_an_installed_wheel(installed: Pat
     path = f"{command.parent}:{os.environ['PATH']}"
     folder = tmp_path / "empty"
     folder.mkdir()
-    run_all("README.md", folder, {**os.environ, "PATH": path, "PYTHONPATH": str(site)})
-
-
-def run_all(document: str, tmp_path: Path, environment: dict[str, str], without: Collection[str] = ()) -> None:
-    environment["BROWSER"] = "true"  # a command that opens nothing
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(site)}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    with forking(environment) as forks:
+        run_all("README.md", folder, environment, forks)
+
+
+def run_all(
+    document: str, folder: Path, environment: dict[str, str], forks: Forks, without: Collection[str] = ()
+) -> None:
+    environment["BROWSER"] = "true"  # a command that opens nothing
+    first = True
     for block in blocks(document):
         if block.kind == "python":
-            (tmp_path / block.name).write_text(block.text, encoding="utf-8")
-            run([sys.executable, block.name], tmp_path, environment)
+            (folder / block.name).write_text(block.text, encoding="utf-8")
+            ended(run([sys.executable, block.name], folder, environment))
         if block.kind != "sh" or block.name == "clone":
             continue
         for command in commands(block.text):
             if command in without:
                 continue
-            run(["bash", "-c", command], tmp_path, environment, DIFFERENT.get(command, 0))
+            if first:
+                done = run(["bash", "-c", command], folder, environment)
+            else:
+                done = forks.shell(command, folder, environment)
+            ended(done, DIFFERENT.get(command, 0))
+            first = False
 
 
-def run(command: list[str], folder: Path, environment: dict[str, str], code: int = 0) -> None:
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == code, f"{command[-1]}\n{done.stdout}\n{done.stderr}"
+def run(command: list[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def ended(done: subprocess.CompletedProcess[str], code: int = 0) -> None:
+    assert done.returncode == code, f"{done.args}\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr

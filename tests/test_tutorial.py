@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.master.forks import Forks
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = (DOCS / "tutorial.md").read_text(encoding="utf-8")
@@ -35,7 +36,7 @@ def workshop(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("tutorial")
 
 
-def follow(page: str, folder: Path) -> str:
+def follow(page: str, folder: Path, forks: Forks) -> str:
     """Does what a page says. Lines below a block are among those that its commands print, except durations.
 
     Returns what the last block printed.
@@ -46,14 +47,7 @@ def follow(page: str, folder: Path) -> str:
         if kind == "python":
             (folder / name.removeprefix("file=")).write_text(text, encoding="utf-8")
         elif kind == "sh" and name != "clone":
-            done = subprocess.run(
-                ["bash", "-e", "-c", text],
-                cwd=folder,
-                env={**os.environ, "PATH": path},
-                capture_output=True,
-                text=True,
-                check=False,
-            )
+            done = forks.shell(text, folder, {**os.environ, "PATH": path})
             assert done.returncode == 0, done.stderr
             printed = DURATION.sub("", done.stdout)
         elif kind == "text":
@@ -64,14 +58,14 @@ def follow(page: str, folder: Path) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["first-flight", "own-vehicle", "own-swarm"])
-def test_the_other_tutorials(page: str, fmus: Path, tmp_path: Path) -> None:
+def test_the_other_tutorials(page: str, fmus: Path, tmp_path: Path, forks: Forks) -> None:
     assert fmus.is_dir()
-    follow((DOCS / f"{page}.md").read_text(encoding="utf-8"), tmp_path)
+    follow((DOCS / f"{page}.md").read_text(encoding="utf-8"), tmp_path, forks)
 
 
 @pytest.mark.slow
-def test_every_block_prints_what_the_tutorial_shows(workshop: Path) -> None:
-    printed = follow(PAGE, workshop)
+def test_every_block_prints_what_the_tutorial_shows(workshop: Path, forks: Forks) -> None:
+    printed = follow(PAGE, workshop, forks)
     distances = [float(number) for number in re.findall(r"([\d.]+) m at 60 s", printed)]
     assert distances == pytest.approx([8.0] * 6, abs=0.2)
 

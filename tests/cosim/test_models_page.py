@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as parquet
 
+from tests.master.forks import Forks
+
 PAGE = (Path(__file__).parents[2] / "docs" / "models.md").read_text(encoding="utf-8")
 
 
@@ -19,17 +21,14 @@ def blocks(kind: str) -> list[tuple[str, str]]:
     return re.findall(rf"^```{kind}(?: file=(\S+))?\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
 
-def test_the_page_works_as_printed(tmp_path: Path) -> None:
+def test_the_page_works_as_printed(tmp_path: Path, forks: Forks) -> None:
     for file, content in blocks("python") + blocks("xml"):
         (tmp_path / file).parent.mkdir(exist_ok=True)
         (tmp_path / file).write_text(content)
     ((_, commands),) = blocks("sh")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    for command in commands.splitlines():
-        done = subprocess.run(
-            command.split(), cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
+    done = forks.shell(commands, tmp_path, {**os.environ, "PATH": path})
+    assert done.returncode == 0, done.stderr
     table = parquet.read_table(tmp_path / "out" / "signals.parquet")
     expected = [0.0, *(3.0 * n / 4 for n in (1, 2, 3, 4, 4, 4, 4, 4, 4, 4))]  # four places, one filled a step
     assert np.allclose(table["one.average"].to_numpy(), expected)

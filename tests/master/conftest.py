@@ -12,7 +12,6 @@ import pytest
 
 from cosim.kernel import cache_folder
 from cosim_master.fmi.description.read import platform
-from tests.master.forks import Forks, forking
 from tests.master.view.browser import chromium
 
 NAMESPACES = (
@@ -204,13 +203,6 @@ class Workshop:
 @pytest.fixture
 def workshop(tmp_path: Path) -> Workshop:
     return Workshop(tmp_path)
-
-
-@pytest.fixture(scope="session")
-def forks() -> Iterator[Forks]:
-    """Runs of `uav-cosim` in processes of their own, which are forked."""
-    with forking() as started:
-        yield started
 
 
 @pytest.fixture(name="variable")

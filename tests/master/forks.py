@@ -7,19 +7,24 @@ nothing; a fork ends as an interpreter does that has executed `from cosim_master
 from __future__ import annotations
 
 import json
+import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
 
 __all__ = ["Forks", "forking"]
 
 _PROGRAM = """
-import json, os, sys, threading
+import gc, json, os, sys, threading
 from cosim_master.cli import main
 import cosim_master.execution.simulate
 
+gc.collect()
+gc.freeze()  # otherwise, the collection at the end of a fork copies all memory, which takes as long as the imports
 assert threading.active_count() == 1
 for line in sys.stdin:
     job = json.loads(line)
@@ -38,6 +43,9 @@ for number, name in enumerate((os.devnull, job["out"], job["err"])):
 sys.argv = ["-c", *job["words"]]
 main()
 """
+
+_PLAIN = re.compile(r"uav-cosim(?: (?:[\w./:=@,+-]|'[^']*')+)+(?:\s+#.*)?")
+"""A command of words, single quotes and a comment, which mean the same to `shlex` and to a shell."""
 
 
 class Forks:
@@ -63,12 +71,39 @@ class Forks:
         code = int(self._process.stdout.readline())
         return subprocess.CompletedProcess(words, code, out.read_text(), err.read_text())
 
+    def shell(self, text: str, folder: Path, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+        """The end of lines of a shell, as that of `bash -e`: commands `uav-cosim ...` are forks, bash runs the others.
+
+        Args:
+            text: the lines.
+        """
+        out, err, code = "", "", 0
+        for plain, group in groupby(text.strip().splitlines(), lambda line: _PLAIN.fullmatch(line) is not None):
+            for part in group if plain else ["\n".join(group)]:
+                if plain:
+                    done = self.run(shlex.split(part, comments=True)[1:], folder, environment)
+                else:
+                    command = ["bash", "-e", "-c", part]
+                    done = subprocess.run(
+                        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+                    )
+                out, err, code = out + done.stdout, err + done.stderr, done.returncode
+                if code:
+                    return subprocess.CompletedProcess(part, code, out, err)
+        return subprocess.CompletedProcess(text, code, out, err)
+
 
 @contextmanager
-def forking() -> Iterator[Forks]:
-    """Starts the process, and ends it."""
+def forking(environment: Mapping[str, str] | None = None) -> Iterator[Forks]:
+    """Starts the process, and ends it.
+
+    Args:
+        environment: the one in which it imports this project; that of this process if there is none.
+    """
     command = [sys.executable, "-c", _PROGRAM]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    ) as process:
         yield Forks(process)
         assert process.stdin is not None
         process.stdin.close()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import inspect
 import os
 import re
-import shlex
-import subprocess
 import sys
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from cosim_master.system.authoring.swap import swap
 from cosim_master.system.shipped import templates
 from cosim_models.agents.kit import agent_variables
 from cosim_models.agents.line_agent import LineAgent
+from tests.master.forks import Forks
 from tests.scenarios.flights import SYSTEMS, fly
 
 PAGE = (Path(__file__).parents[3] / "docs" / "agents.md").read_text(encoding="utf-8")
@@ -39,17 +38,13 @@ def table(title: str) -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_the_law_flies_as_printed(fmus: Path, tmp_path: Path) -> None:
+def test_the_law_flies_as_printed(fmus: Path, tmp_path: Path, forks: Forks) -> None:
     file, content = blocks("python")[0]
     (tmp_path / file).write_text(content)
     ((_, commands),) = blocks("sh")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    for command in commands.splitlines():
-        environment = {**os.environ, "PATH": path}
-        done = subprocess.run(
-            shlex.split(command), cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
+    done = forks.shell(commands, tmp_path, {**os.environ, "PATH": path})
+    assert done.returncode == 0, done.stderr
     signals = parquet.read_table(tmp_path / "out" / "circle" / "signals.parquet")
     places = np.array([[signals[f"drone{i}.vehicle.position[{k}]"].to_numpy() for k in (1, 2)] for i in range(1, 6)])
     ways = np.roll(places, -1, axis=0) - places

@@ -18,6 +18,7 @@ from cosim_master import signals
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.system import shipped
 from cosim_master.system.authoring.scaffold import commands_of, new_model
+from tests.master.forks import Forks
 
 MODELS = {"agent": ("my_law.py", "MyLaw"), "model": ("my_vehicle.py", "MyVehicle")}
 NAMES = MODELS | {"channel": ("my_channel.py", "my_channel")}
@@ -57,14 +58,15 @@ def test_a_starting_point_is_short_and_named_by_its_file(
 @pytest.mark.slow
 @pytest.mark.usefixtures("fmus")
 @pytest.mark.parametrize("kind", MODELS)
-def test_its_own_commands_build_and_fly_it(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_its_own_commands_build_and_fly_it(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forks: Forks
+) -> None:
     monkeypatch.chdir(tmp_path)
     new_model(kind, Path(NAMES[kind][0]))
     build, swap, run = commands_of(Path(NAMES[kind][0]))
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    for command in (build, swap, f"{run} --strict"):
-        done = subprocess.run(shlex.split(command), env={**os.environ, "PATH": path}, capture_output=True, text=True)
-        assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    done = forks.shell("\n".join((build, swap, f"{run} --strict")), tmp_path, {**os.environ, "PATH": path})
+    assert done.returncode == 0, f"{done.args}\n{done.stdout}\n{done.stderr}"
     table = signals(tmp_path / "out" / "flight")
     last = {n: [table[f"drone{n}.vehicle.position[{i}]"][-1].as_py() for i in (1, 2)] for n in range(1, 6)}
     if kind == "agent":
