@@ -38,6 +38,7 @@ from cosim_models.autopilot.flight.outputs import run_outputs
 from cosim_models.autopilot.flight.state import detect_landing, disarm_after_delay
 from cosim_models.autopilot.flight.sticks import read_sticks
 from cosim_models.autopilot.flight.terrain_following import destination_up
+from cosim_models.autopilot.flight.tuning.gains import BEFORE, load_gains
 from cosim_models.autopilot.link.links import MAVLINK, SERIAL, TELEMETRY
 from cosim_models.autopilot.link.statustext import BAROMETER_CALIBRATED, INFO, NO_NUMBER, READY, say
 from cosim_models.autopilot.mavlink.commands import receive
@@ -168,6 +169,7 @@ def _reboot(m: Any, t: float) -> tuple[int, float]:
     if t < m.restart_at - 1e-9:
         return 0, t
     began = m.booted_at + t
+    load_gains(m, BEFORE)  # those of a tune are not stored
     forget(m)
     forget_jumps(m)
     error = start(m)

@@ -115,11 +115,7 @@ def test_autotune_is_refused_elsewhere() -> None:
 
 
 def test_sticks_interrupt_the_tune_and_its_gains() -> None:
-    copter = in_autotune()
-    for _ in range(400):
-        copter.tick()
-        if copter.m["ATC_RAT_RLL_I"] < 0.01:  # in a twitch
-            break
+    copter = in_a_twitch()
     assert copter.m["ATC_RAT_RLL_I"] == pytest.approx(0.01 * OLD[0])
     copter.heard.clear()
     hold(copter, 2.5, 1600, 1500, 1500, 1500)
@@ -137,6 +133,25 @@ def test_sticks_interrupt_the_tune_and_its_gains() -> None:
     assert copter.m["ATC_RAT_RLL_I"] == pytest.approx(0.1 * OLD[0])  # between twitches
     hold(copter, 3.0, *CENTRED)
     assert any("Roll Rate D Up" in text for _, text in texts(copter))
+
+
+def in_a_twitch() -> Copter:
+    copter = in_autotune()
+    for _ in range(400):
+        copter.tick()
+        if copter.m["ATC_RAT_RLL_I"] < 0.01:
+            return copter
+    raise AssertionError("no twitch within a second")
+
+
+def test_a_reboot_forgets_the_gains_of_a_twitch() -> None:
+    copter = in_a_twitch()
+    reboot = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+    assert copter.ask(reboot, 1, 0, 0, 0, 0, 20190226)[0] == ("ACK", reboot, ACCEPTED)
+    assert copter.m["ATC_RAT_RLL_I"] < 0.01
+    copter.run(0.3)
+    assert copter.m["mode"] == STABILIZE
+    assert gains(copter) == OLD
 
 
 def test_a_vehicle_that_never_levels_fails() -> None:
