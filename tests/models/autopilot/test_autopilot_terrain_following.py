@@ -341,3 +341,77 @@ def test_terrain_that_is_lost_on_the_way_home() -> None:
     early = above(profile, RTL_ALT_TYPE=1).in_the_air(10.0)
     set_parameter(early, "TERRAIN_ENABLE", 0)
     assert ("TEXT", 2, "RTL: no terrain data, using alt-above-home") in early.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, RTL)
+
+
+# ---- splines, take-offs and landings -------------------------------------------------------------------------------
+
+
+def test_splines_follow_the_terrain_too() -> None:
+    profile = ridge()
+    copter = above(profile, WPNAV_SPEED=400.0).in_the_air(10.0)
+    upload(copter, (60.0, 15.0, 82, 10, 10.0), (100.0, 0.0, 82, 10, 10.0), (100.0, -30.0, 16, RELATIVE, 10.0))
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)[0][2] == ACCEPTED
+    rows = copter.run(45.0)
+    assert clearances(rows, profile) == pytest.approx(10.0, abs=1.5)
+    assert rows[:, 2].max() > 10.0
+    assert "Reached command #3" in texts(copter)
+    assert rows[-1, 1:4] == pytest.approx([100.0, -30.0, -10.0], abs=0.5)
+
+
+def test_takeoff_and_landing_of_a_mission_are_above_the_terrain() -> None:
+    """Take-off on a terrace of 6 m that the grid has at home; the way to the landing keeps the height above ground."""
+    profile = np.where(NORTH < 30.0, 6.0, 0.0)
+    copter = above(profile, TERRAIN_OFS_MAX=0.0, WPNAV_SPEED=300.0)
+    copter.run(2.1)
+    upload(copter, (0.0, 0.0, 22, 10, 9.0), (0.0, 0.0, 16, 10, 9.0), (100.0, 0.0, 21, 10, 0.0))
+    for number, *values in ((176, 1, GUIDED), (400, 1), (300,)):
+        assert copter.ask(number, *values)[0][2] == ACCEPTED
+    rows = copter.run(16.0)
+    assert -rows[-1, 3] == pytest.approx(15.0, abs=0.4)
+    rows = copter.run(24.0)
+    there = rows[rows[:, 1] > 70.0]
+    assert -there[:, 3] == pytest.approx(9.0, abs=0.8)
+    copter.run(32.0)
+    assert copter.v["position"] == pytest.approx([100.0, 0.0, 0.0], abs=1.0)
+
+
+def test_heights_above_home_are_taken_where_the_rangefinder_sees_nothing() -> None:
+    ranging = {"RNGFND1_TYPE": 100, "RNGFND1_MAX": 20.0, "RTL_ALT_TYPE": 1, "RTL_ALT": 1500.0}
+    copter = above(ridge(0.0), **ranging).in_the_air(19.0)
+    assert copter.m["range_trusted"]
+    assert ranged(copter) == pytest.approx(-copter.v["position"][2], abs=0.3)  # filtered
+    assert reposition(copter, 0.0, 0.0, 30.0, RELATIVE) == ACCEPTED
+    copter.run(14.0)
+    assert not copter.m["range_trusted"]
+    assert ("TEXT", 2, "RTL: rangefinder unhealthy, using alt-above-home") in copter.ask(
+        mavlink.MAV_CMD_DO_SET_MODE, 1, RTL
+    )
+    copter.run(1.0)
+    upload(copter, (60.0, 0.0, 21, 10, 0.0))
+    answers = copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)
+    assert answers[0][2] == ACCEPTED
+    assert ("TEXT", 2, "Land: no terrain data, using alt-above-home") in answers
+    rows = copter.run(8.0)
+    assert -rows[-1, 3] == pytest.approx(30.0, abs=1.5)
+
+
+def ranged(copter: Copter) -> float:
+    """Height above ground by the rangefinder."""
+    return float(copter.m["range_filtered"] - copter.m["range_from"] + copter.m["position_neu"][2])
+
+
+def test_the_rangefinder_believes_a_jump_at_the_third_measurement() -> None:
+    """Of 5 m: three measurements take 0.15 s; one of 1 m is believed at once."""
+    copter = above(ridge(0.0), RNGFND1_TYPE=100, RNGFND1_MAX=40.0).in_the_air(10.0)
+    place = copter.m["terrain"]
+    before = float(copter.m["range_height"])
+    place[:] += 5.0  # the ground rises
+    changes = []
+    for _ in range(40):
+        copter.run(0.005)
+        changes.append(float(copter.m["range_height"]) - before)
+    first = next(i for i, change in enumerate(changes) if change < -2.0)
+    assert 0.1 <= 0.005 * first <= 0.16
+    place[:] += 1.0
+    copter.run(0.06)
+    assert float(copter.m["range_height"]) - before == pytest.approx(-6.0, abs=0.1)
