@@ -4,7 +4,7 @@ Takes recorded flights (`benchmarks.flights` describes the format; `benchmarks.r
 means WP_YAW_BEHAVIOR 0, `3mps` WPNAV_SPEED 300. Other parameters of the autopilot: --set.
 Where the error of ArduCopter's estimate was recorded, ours senses its motion with the same error at the same time, so
 that the autopilots are compared and not ArduCopter's estimator with the truth. With --true, and where a flight makes
-sensors fail, ours senses its true motion.
+sensors or motors fail, ours senses its true motion.
 Prints one row for each figure, with a verdict: times and distances within 5 % (or 0.1 s, 0.1 m), rms of the distance
 between the paths within 0.05 m on the external body, 0.1 m on ArduCopter's.
 
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from benchmarks.flights import (
     BEFORE,
+    BODIES,
     ERRORS,
     HEIGHT,
     Flight,
@@ -39,16 +40,15 @@ from benchmarks.flights import (
 )
 from cosim import Model
 from cosim.frames import euler_from_quaternion, quaternion_from_euler
-from cosim_models.vehicles.quadrotor import Quadrotor
 from tests.models.copter import RECORDED_AUTOPILOT, RECORDINGS, Copter, H, preset
 
 SHARES = (0.1, 0.5, 0.9)
 HEIGHTS = (0.05, 0.5, 5.0, 9.0)
-ARMED_BEFORE = {"json": 1.8675, "x": 1.26}
+ARMED_BEFORE = {"json": 1.8675, "hexa": 1.8675, "x": 1.26}
 """Time [s] between arming and the command on the ground, where a flight does not say it: motors start after 2 s."""
 CLOSE, CLOSE_SHARE = 0.1, 0.05
 """Differences that count as none: s or m, and share."""
-RMS = {"json": 0.05, "x": 0.1}
+RMS = {"json": 0.05, "hexa": 0.05, "x": 0.1}
 """Greatest rms of the distance between the paths [m], by body."""
 
 
@@ -63,8 +63,9 @@ def parameters_of(flight: Flight) -> dict[str, Any]:
 
 
 def preset_of(flight: Flight) -> dict[str, Any]:
-    """The parameters of the `Quadrotor` that is the body of a recorded flight."""
-    return preset("ardupilot_json" if flight.body == "json" else "ardupilot_sitl_quad")
+    """The parameters of the model that is the body of a recorded flight."""
+    name = BODIES[flight.body][1]
+    return preset(name) if name else {}
 
 
 def heading_of(flight: Flight) -> float:
@@ -72,7 +73,7 @@ def heading_of(flight: Flight) -> float:
     return math.radians((float(flight.real["yaw"][0]) + 180.0) % 360.0 - 180.0)
 
 
-GROUND = {"json": 0.0, "x": -0.1}
+GROUND = {"json": 0.0, "hexa": 0.0, "x": -0.1}
 """Place of the vehicle on the ground [m, down], by body: ArduPilot's own counts from below its frame's height."""
 
 
@@ -141,7 +142,7 @@ def _come(copter: Copter, flight: Flight) -> None:
 def fly(
     flight: Flight,
     parameters: dict[str, float],
-    model: type[Model] = Quadrotor,
+    model: type[Model] | None = None,
     body: dict[str, Any] | None = None,
     true: bool = False,
 ) -> NDArray[np.float64]:
@@ -156,6 +157,7 @@ def fly(
     heading = 0.0 if goes_to_start(head) or flight.kind == "mission" else heading_of(flight)
     vehicle = {**(preset_of(flight) if body is None else body), "yaw_start": heading}
     values = {**parameters_of(flight), **parameters}
+    model = BODIES[flight.body][0] if model is None else model
     copter = (Misled if errs(flight, true) else Copter)(model, autopilot=values, vehicle=vehicle, direct=True)
     if isinstance(copter, Misled):
         copter.errs(flight)

@@ -17,8 +17,8 @@ they were recorded, `ERRORS`: by how much ArduCopter's estimate erred then, in t
 is the time [s] from arming to a command on the ground, "before" that for which "vel" was flown before a command,
 "sticks" [us] are the pilot's channels 1 to 4 from the command on, "duration" is that of the flight, "home"
 [m, north, east, up] is where ArduCopter's home was. Rows of negative time are before the command. Names that begin
-with `json` flew on the body of the preset ardupilot_json, those that begin with `x` on ArduPilot's own
-(ardupilot_sitl_quad).
+with `json` flew on the body of the preset ardupilot_json, with `hexa` on the default `Hexarotor`, with `x` on
+ArduPilot's own (ardupilot_sitl_quad).
 """
 
 from __future__ import annotations
@@ -34,7 +34,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim import Model
 from cosim.frames import quaternion_from_euler
+from cosim_models.vehicles.hexarotor import Hexarotor
+from cosim_models.vehicles.quadrotor import Quadrotor
 from tests.models.autopilot.test_autopilot_missions import item
 from tests.models.copter import GUIDED, ONLY_ACCELERATION, ONLY_VELOCITY
 
@@ -48,6 +51,12 @@ CHANGE_SPEED, WAYPOINT = mavlink.MAV_CMD_DO_CHANGE_SPEED, mavlink.MAV_CMD_NAV_WA
 MOVE, VELOCITY, ACCELERATION, ATTITUDE = 2, 4, 5, 6
 """Commands in GUIDED, by the type of ArduCopter's GUIP."""
 NEEDED = {VELOCITY: "vel", ACCELERATION: "accel", ATTITUDE: "attitude"}
+BODIES: dict[str, tuple[type[Model], str]] = {
+    "json": (Quadrotor, "ardupilot_json"),
+    "hexa": (Hexarotor, ""),
+    "x": (Quadrotor, "ardupilot_sitl_quad"),
+}
+"""Model and preset (none: its defaults) of each body; ArduPilot computes the motion of `x` itself."""
 ERRORS = ("err_n", "err_e", "err_d", "err_vn", "err_ve", "err_vd", "err_roll", "err_pitch", "err_yaw")
 """Columns of the error of ArduCopter's estimate: estimate minus truth [m, m/s, degrees]."""
 HEIGHT = 10.0
@@ -105,7 +114,7 @@ class Flight:
 
     @property
     def body(self) -> str:
-        return "x" if self.name.startswith("x") else "json"
+        return next((body for body in ("x", "hexa") if self.name.startswith(body)), "json")
 
 
 def read(path: Path) -> Flight:

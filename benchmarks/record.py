@@ -1,7 +1,8 @@
 """Records flights of the user's ArduCopter, in the format that `benchmarks.fidelity` takes.
 
 ArduCopter, which the environment variable ARDUPILOT_SITL names, flies each command in a run of its own: on the body of
-the preset ardupilot_json, or on its own physics (`--body x`; the program must lie in ArduPilot's source tree then).
+the preset ardupilot_json, on a hexarotor (`--body hexa`), or on its own physics (`--body x`; the program must lie in
+ArduPilot's source tree then).
 t = 0 is when its own log says that it took the command; what it desired and where its estimate erred is from its log
 too. A flight is either a name
 and the first line of a flight (`benchmarks.flights`), or a move NORTH,EAST,DOWN [m] from 10 m above home, where it is
@@ -26,7 +27,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.DFReader import DFReader_binary
 
-from benchmarks.flights import BEFORE, ERRORS, HEIGHT, approach, arm, hurry, kind_of, on_the_ground, perform, upload
+from benchmarks.flights import (
+    BEFORE,
+    BODIES,
+    ERRORS,
+    HEIGHT,
+    approach,
+    arm,
+    hurry,
+    kind_of,
+    on_the_ground,
+    perform,
+    upload,
+)
 from benchmarks.own_physics import OwnPhysics
 from cosim.frames import EARTH_RADIUS_ARDUPILOT
 from tests.models.copter import preset
@@ -175,8 +188,11 @@ def record(folder: Path, name: str, body: str, head: dict[str, Any]) -> Path:
     """Flies one command and writes its file; returns it."""
     place = folder / f"{body}_{name}"
     given = head.get("parameters", {})
+    model, values = BODIES[body]
     copter: Any = (
-        OwnPhysics(place, given) if body == "x" else RealCopter(place, preset("ardupilot_json"), given, instance=231)
+        OwnPhysics(place, given)
+        if body == "x"
+        else RealCopter(place, preset(values) if values else {}, given, instance=231, model=model)
     )
     duration = float(head.get("duration", DURATION))
     try:
@@ -210,7 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).split("\n", 1)[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("flights", nargs="*", type=parse)
-    parser.add_argument("--body", choices=("json", "x"), default="json")
+    parser.add_argument("--body", choices=BODIES, default="json")
     parser.add_argument("--list", type=Path)
     options = parser.parse_intermixed_args(arguments)
     flights = dict(options.flights) if options.list is None else json.loads(options.list.read_text())

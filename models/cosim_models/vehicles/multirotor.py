@@ -193,6 +193,13 @@ _BODY_PARAMETERS = (
         "ArduPilot's simulation",
     ),
     Parameter(
+        "moment_by_command",
+        type=bool,
+        start=False,
+        description="with drag_by_axis, moment_constant is that of full command and falls with the command, as in "
+        "ArduPilot's simulation",
+    ),
+    Parameter(
         "rotational_damping",
         shape=3,
         unit="N.m.s/rad",
@@ -206,6 +213,13 @@ _BODY_PARAMETERS = (
     ),
     Parameter("ground_damping", unit="1", start=0.7, minimum=0.0, description="damping ratio of the feet"),
     Parameter("ground_friction", unit="1", start=0.6, minimum=0.0, description="Coulomb friction coefficient"),
+    Parameter(
+        "held_by_ground",
+        type=bool,
+        start=False,
+        description="the ground is that of ArduPilot's simulation: it holds a vehicle upright until this climbs at "
+        "1.2 m/s",
+    ),
     Parameter("foot_radius", unit="m", start=0.2, minimum=0.0, description="four feet, this far from the down axis"),
     Parameter(
         "foot_height", unit="m", start=0.1, minimum=0.0, description="height of the centre of mass above the feet"

@@ -160,7 +160,7 @@ def test_a_throw_ends_in_a_hover() -> None:
         (6, "throw detected - spooling motors"),
         (6, "throttle is unlimited - uprighting"),
         (6, "uprighted - controlling height"),
-        (0, "Potential Thrust Loss (4)"),  # full throttle against the fall
+        (0, "Potential Thrust Loss (2)"),  # full throttle against the fall
         (6, "height achieved - controlling position"),
     ]
     assert copter.m["mode"] == LOITER

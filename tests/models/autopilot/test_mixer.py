@@ -16,6 +16,7 @@ from cosim_models.autopilot.control.mixer import (
     LIMIT_THROTTLE_UPPER,
     LIMIT_YAW,
     mix,
+    mix_without,
     motor_factors,
     thrust_to_command,
 )
@@ -168,3 +169,68 @@ def test_the_thrust_curve_of_a_hover() -> None:
     """Hover at 0.39 of full thrust is 1590 us (recorded flights)."""
     assert 1000 + 1000 * thrust_to_command(0.39, 0.65, 0.15, 0.95) == pytest.approx(1590.5, abs=1.0)
     assert thrust_to_command(0.3, 0.0, 0.0, 1.0) == pytest.approx(0.3)
+
+
+# ---- a motor that is left out ----------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(torques, torques, torques, throttles, throttles, st.floats(0.0, 0.5))
+def test_nothing_left_out_is_the_mixer(
+    roll: float, pitch: float, yaw: float, throttle: float, average: float, headroom: float
+) -> None:
+    for airframe in MULTIROTORS:
+        count, table = factors(airframe)
+        plain, other = np.zeros(8), np.zeros(8)
+        demands = (roll, pitch, yaw, throttle, average, 1.0, headroom)
+        wanted = mix(table, count, *demands, plain)
+        assert mix_without(table, count, -1, 0.0, *demands, other) == wanted
+        assert np.clip(other, 0.0, 1.0).tolist() == plain.tolist()
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.2, 0.2), throttles, st.integers(0, 5))
+def test_the_others_give_what_is_demanded_in_spite_of_the_lost_one(
+    roll: float, pitch: float, yaw: float, throttle: float, lost: int
+) -> None:
+    """A hexarotor: where torques fit, the average is the demanded one within the limits of all but the lost motor."""
+    count, table = factors(Airframe.hexa_x)
+    thrust = np.zeros(8)
+    limits, average = mix_without(table, count, lost, 1.0, roll, pitch, yaw, throttle, 1.0, 1.0, 0.0, thrust)
+    if limits & (LIMIT_ROLL_PITCH | LIMIT_YAW):
+        return
+    shares = table[:count] @ np.array([roll, pitch, yaw])
+    others = np.delete(shares, lost)
+    most = 1.0 - others.max()
+    assert average == pytest.approx(min(max(throttle, -shares.min()), most), abs=1e-12)
+    assert thrust[:count] == pytest.approx(average + shares, abs=1e-12)
+    assert np.delete(thrust[:count], lost).max() <= 1.0 + 1e-12
+    assert (thrust[:count] >= -1e-12).all()
+    assert bool(limits & LIMIT_THROTTLE_UPPER) == (throttle >= 1.0 or throttle > most)
+
+
+def test_a_lost_motor_holds_the_others_back_less_and_less() -> None:
+    """Motor 1 of a hexarotor is to give 0.4 beyond the average, the next 0.2: the average rises from 0.6 to 0.8."""
+    count, table = factors(Airframe.hexa_x)
+    averages = []
+    for share in (0.0, 0.5, 1.0):
+        thrust = np.zeros(8)
+        limits, average = mix_without(table, count, 0, share, -0.8, 0.0, 0.0, 0.9, 1.0, 1.0, 0.2, thrust)
+        averages.append(average)
+        assert limits == LIMIT_THROTTLE_UPPER
+    assert averages == pytest.approx([0.6, 0.7, 0.8])
+    assert thrust[0] == pytest.approx(1.2)
+
+
+def test_yaw_without_a_motor_has_half_of_the_range() -> None:
+    """At full demand of roll there is no room for yaw but the headroom: 0.2, and 0.5 without the motor."""
+    count, table = factors(Airframe.hexa_x)
+    for share, room in ((0.0, 0.2), (1.0, 0.5)):
+        thrust = np.zeros(8)
+        limits, _ = mix_without(table, count, -1, share, -1.0, 0.0, -1.0, 0.5, 0.5, 1.0, 0.2, thrust)
+        assert limits & LIMIT_YAW
+        turned = table[:count, 2] @ thrust[:count]
+        rolled = table[:count, 0] @ thrust[:count]
+        assert turned / (table[:count, 2] @ table[:count, 2]) == pytest.approx(
+            room * rolled / (table[:count, 0] @ table[:count, 0]), abs=1e-9
+        )

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim import Model
+from cosim.frames import quaternion_from_euler
 from cosim.vehicle import VEHICLE_INPUTS, VEHICLE_OUTPUTS, Airframe
 from cosim_models.autopilot.control.mixer import motor_factors
 from cosim_models.vehicles.dynamics.rotor import MotorCurve
@@ -658,3 +659,53 @@ def test_accelerations_kept_from_the_step_before_change_no_bit(start: float, ine
             assert kernels(Quadrotor)[1](m, k * H, H) == 0
         assert keeps.tobytes() == forgets.tobytes(), k
     assert start == -3.0 or keeps.on_ground
+
+
+# ---- the body of ArduPilot's simulation ------------------------------------------------------------------------------
+
+
+def test_moments_grow_with_the_command() -> None:
+    """Two rotors turn the body one way with command 0.8, two the other way with 0.4: k (sum of c T), c of its range."""
+    m = vehicle(
+        motor_curve=MotorCurve.thrust, thrust_expo=0.65, command_min=0.0, command_max=1.0, drag_by_axis=True,
+        moment_by_command=True, time_constant_up=0.0, time_constant_down=0.0, **without_air(),
+    )  # fmt: skip
+    most = float(m.thrust_constant) * float(m.speed_max) ** 2
+    commands = (0.8, 0.8, 0.4, 0.4)
+    m.motor[:4] = commands
+    m.rotor_speed[:4] = [float(m.speed_max) * math.sqrt(0.35 * c + 0.65 * c * c) for c in commands]
+    run(m, 0.0025)
+    torque = sum(
+        turning * float(m.moment_constant) * c * most * (0.35 * c + 0.65 * c * c)
+        for turning, c in zip(m.rotor_direction[:4], commands, strict=True)
+    )
+    assert m.angular_velocity[2] == pytest.approx(torque / m.inertia[2] * 0.0025, rel=1e-3)
+
+
+def test_the_ground_that_holds_lets_go_at_1_2_mps() -> None:
+    """With thrust over weight 1.5, the climb rate is 1.2 m/s after 1.2 / (g / 2) s; there is no way until then."""
+    m = hovering(down=0.0, held_by_ground=True, **without_air())
+    speed = hover_speed(m) * math.sqrt(1.5)
+    m.rotor_speed[:4] = speed
+    m.motor[:4] = (speed - m.speed_min) / (m.speed_max - m.speed_min)
+    leaves = 1.2 / (0.5 * G)
+    for k in range(1, 200):
+        run(m, 0.0025)
+        if 0.0025 * k < leaves - 1e-6:
+            assert (m.position[2], m.on_ground) == (0.0, True)
+            assert m.velocity[2] == pytest.approx(-0.5 * G * 0.0025 * k, rel=1e-6)
+            assert m.specific_force[2] == pytest.approx(-1.5 * G, rel=1e-9)
+    flown = 200 * 0.0025 - 0.0025 - leaves
+    assert not m.on_ground
+    assert -m.position[2] == pytest.approx(1.2 * flown + 0.25 * G * flown * flown, abs=0.005)
+
+
+def test_the_ground_that_holds_puts_a_vehicle_upright() -> None:
+    m = vehicle(down=-0.5, held_by_ground=True)
+    m.attitude[:] = quaternion_from_euler(0.5, -0.3, 1.0)
+    m.velocity[:] = (1.0, -2.0, 0.0)
+    run(m, 1.0)
+    assert m.on_ground
+    assert m.position[2] == 0.0 and (m.velocity == 0.0).all() and (m.angular_velocity == 0.0).all()
+    assert m.attitude == pytest.approx(quaternion_from_euler(0.0, 0.0, 1.0), abs=1e-9)
+    assert m.specific_force == pytest.approx([0.0, 0.0, -G], abs=1e-12)

@@ -49,9 +49,11 @@ def test_its_numbers_are_those_of_arduplanes_simulation() -> None:
     for name in wing.keys() - {"mass", "inertia[1]", "inertia[2]", "inertia[3]"}:
         assert m[name] == wing[name], name
     assert m.inertia.tolist() == [wing[f"inertia[{i}]"] for i in (1, 2, 3)]
-    for name in ("command_min", "command_max", "speed_max", "thrust_expo", "thrust_constant", "moment_constant"):
+    for name in ("command_min", "command_max", "speed_max", "thrust_expo", "thrust_constant"):
         assert m[name] == rotors[name], name
-    assert m.rotor_time_constant == rotors["time_constant_up"]
+    hover = (command(m.mass * G / (4.0 * m.thrust_constant * m.speed_max**2)) - 0.15) / 0.8
+    assert m.moment_constant == pytest.approx(hover * rotors["moment_constant"], rel=0.01)  # its moment in hover
+    assert (m.rotor_time_constant, rotors["time_constant_up"]) == (0.003, 0.0)  # the slew limit, which is none in hover
     for axis in ("rotor_x", "rotor_y", "rotor_direction"):
         assert m[axis].tolist() == pytest.approx([rotors[f"{axis}[{i}]"] for i in (1, 2, 3, 4)], abs=1e-6)
     assert m.airframe == Airframe.quadplane

@@ -1,4 +1,4 @@
-"""Checks in flight: a lost estimate, vibration, a crash and lost thrust. Ten times a second.
+"""Checks in flight: lost thrust in each step; a lost estimate, vibration, a crash, unbalanced yaw ten times a second.
 
 Kernels over the autopilot's record `m`.
 
@@ -10,8 +10,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.commander.actions import land_with_pause
+from cosim_models.autopilot.control.motors import boost_thrust
+from cosim_models.autopilot.control.pid import INTEGRAL
+from cosim_models.autopilot.control.shaping import lowpass_alpha
 from cosim_models.autopilot.flight.modes import set_mode
 from cosim_models.autopilot.flight.state import disarm, needs_position
 from cosim_models.autopilot.link.statustext import (
@@ -26,18 +30,23 @@ from cosim_models.autopilot.link.statustext import (
     THRUST_LOST,
     VIBRATION_OFF,
     VIBRATION_ON,
+    YAW_IMBALANCE,
     say,
     say_with,
 )
 from cosim_models.autopilot.record.modes import ACRO, ALT_HOLD, FLIP, LAND, STABILIZE
 
-__all__ = ["watch_flight"]
+__all__ = ["watch_flight", "watch_thrust"]
 
 _COUNT = 10  # of checks in a row
 _WARN_AGAIN = 30.0  # s
 _VIBRATES, _VIBRATED = 1.0, 15.0  # s
 _REPORT, _ALT_HOLD, _ALWAYS = 0, 2, 3  # FS_EKF_ACTION
-_CRASH, _THRUST = 20, 10  # checks in a row
+_CRASH = 20  # checks in a row
+_PERIOD, _EARLY = 0.1, 1e-9  # s
+_THRUST_LOST = 1.0  # s
+_LEVEL = math.radians(15.0)
+_YAW_CUTOFF, _YAW_SHARE, _WARN_YAW = 0.05, 0.75, 10.0  # Hz; of ATC_RAT_YAW_IMAX; s
 _STILL, _FAST = 3.0, 10.0  # m/s2, m/s
 _WRONG, _LEANS = math.radians(30.0), math.cos(math.radians(15.0))
 _FULL, _LITTLE = 0.9, 0.25  # throttle
@@ -121,26 +130,43 @@ def _watch_crash(m: Any) -> None:
 
 
 @kernel
-def _watch_thrust(m: Any) -> None:
-    """Tells of a vehicle that descends level with full throttle for 1 s, and the motor that does most."""
-    full = m.throttle_in >= _FULL or m.limit_throttle_upper
-    if (
-        m.on_ground
-        or _upright(m.attitude_target) < _LEANS
-        or not full
-        or m.throttle_in < _LITTLE
-        or m.velocity_neu[2] >= 0.0
-        or m.thrust_error >= _WRONG
-    ):
-        m.thrust_count = 0
+def watch_thrust(m: Any, t: float, dt: float) -> None:
+    """Tells of a vehicle that descends level with full throttle for 1 s, and boosts the thrust; called in each step.
+
+    The motor that does most is named, and left out of the limits of the others.
+    """
+    if m.on_ground or m.boosted or not (m.limit_throttle_upper or m.throttle_in >= _FULL):
         return
-    m.thrust_count += 1
-    if m.thrust_count == _THRUST:  # told again when it was better in the meantime
-        most = 0
-        for i in range(m.motor_count):
-            if m.thrust[i] > m.thrust[most]:
-                most = i
-        say(m, EMERGENCY, THRUST_LOST, most + 1)
+    q = m.attitude_target
+    roll, pitch, _ = euler_from_quaternion((float(q[0]), float(q[1]), float(q[2]), float(q[3])))
+    if roll * roll + pitch * pitch > _LEVEL * _LEVEL or m.throttle_in < _LITTLE:
+        return
+    if m.velocity_neu[2] >= 0.0 or m.thrust_error >= _WRONG or not m.armed:
+        return
+    if t - m.thrust_loss_seen > 1.5 * dt:
+        m.thrust_loss_since = t - dt
+    m.thrust_loss_seen = t
+    if t - m.thrust_loss_since >= _THRUST_LOST - _EARLY:
+        m.thrust_loss_seen = 0.0
+        say(m, EMERGENCY, THRUST_LOST, boost_thrust(m) + 1)
+
+
+@kernel
+def _watch_yaw(m: Any, t: float) -> None:
+    """Tells, every 10 s, of a vehicle that needs much of its yaw torque all the time, by the integral of its rate."""
+    now = float(m.rate_pid[2, INTEGRAL])
+    if m.on_ground or m.boosted or m.ATC_RAT_YAW_I <= 0.0:
+        m.yaw_integral = 0.0
+        return
+    m.yaw_integral += lowpass_alpha(_PERIOD, _YAW_CUTOFF) * (now - m.yaw_integral)
+    needed = abs(m.yaw_integral)
+    if needed > abs(now):
+        m.yaw_integral = now
+    most = m.ATC_RAT_YAW_IMAX
+    if most <= 0.0 or (needed <= _YAW_SHARE * most and now != most) or t - m.yaw_warned_at <= _WARN_YAW:
+        return
+    m.yaw_warned_at = t
+    say(m, EMERGENCY, YAW_IMBALANCE, int(100.0 * needed + 0.5))
 
 
 @kernel
@@ -169,7 +195,8 @@ def watch_flight(m: Any, t: float) -> None:
     if m.sim_on or m.vibration_failsafe:
         _watch_vibration(m, t)
     if not m.armed:
-        m.crash_count = m.thrust_count = 0
+        m.crash_count = 0
+        m.yaw_integral = 0.0
         return
     _watch_crash(m)
-    _watch_thrust(m)
+    _watch_yaw(m, t)

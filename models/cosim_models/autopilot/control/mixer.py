@@ -2,7 +2,8 @@
 
 It contains the normalised factors per motor, the priorities on saturation (throttle yields first to keep roll and
 pitch, yaw yields before both), and the inverse of the propellers' thrust curve. All quantities are fractions of full
-range; there are no dynamics.
+range; there are no dynamics. With a motor that seems to have failed, `mix_without` lets the others use the whole range,
+whatever would be demanded of that one.
 
 Source: ArduPilot, AP_MotorsMatrix (setup_motors, output_armed_stabilizing) and AP_Motors_Thrust_Linearization.
 """
@@ -23,12 +24,15 @@ __all__ = [
     "LIMIT_THROTTLE_UPPER",
     "LIMIT_YAW",
     "mix",
+    "mix_without",
     "motor_factors",
     "thrust_to_command",
 ]
 
 LIMIT_ROLL_PITCH, LIMIT_YAW, LIMIT_THROTTLE_LOWER, LIMIT_THROTTLE_UPPER = 1, 2, 4, 8
 """Bits that report which demands `mix` could not satisfy."""
+
+_YAW_WITHOUT = 0.5  # yaw that is always available without a motor
 
 _CW, _CCW = -1.0, 1.0  # rotation of the propeller seen from above; a counter-clockwise one yaws the body right
 
@@ -102,6 +106,32 @@ def _yaw_room(factors: Any, count: int, yaw: float, throttle: float, thrust: Any
 
 
 @kernel
+def _fitted(low: float, high: float, throttle: float, average_max: float, limits: int) -> tuple[int, float, float]:
+    """Returns limits, the scale of all torques, and the average thrust; `low` and `high` are the least and greatest of
+    the motors' torques.
+    """
+    scale = 1.0
+    if high - low > 1.0:
+        scale = 1.0 / (high - low)
+    if average_max + low < 0.0:
+        scale = min(scale, -average_max / low)
+    low *= scale
+    high *= scale
+    extra = throttle + low  # above the least average thrust at which no motor needs negative thrust
+    if scale < 1.0:
+        limits |= LIMIT_ROLL_PITCH | LIMIT_YAW
+        if extra > 0.0:
+            limits |= LIMIT_THROTTLE_UPPER
+        extra = 0.0
+    elif extra < 0.0:
+        extra = 0.0
+    elif extra > 1.0 - (high - low):
+        extra = 1.0 - (high - low)
+        limits |= LIMIT_THROTTLE_UPPER
+    return limits, scale, extra - low
+
+
+@kernel
 def mix(
     factors: Any,
     count: int,
@@ -151,27 +181,86 @@ def mix(
         thrust[i] += yaw * factors[i, 2]
         low = min(low, thrust[i])
         high = max(high, thrust[i])
-    scale = 1.0
-    if high - low > 1.0:
-        scale = 1.0 / (high - low)
-    if average_max + low < 0.0:
-        scale = min(scale, -average_max / low)
-    low *= scale
-    high *= scale
-    extra = throttle + low  # above the least average thrust at which no motor needs negative thrust
-    if scale < 1.0:
-        limits |= LIMIT_ROLL_PITCH | LIMIT_YAW
-        if extra > 0.0:
-            limits |= LIMIT_THROTTLE_UPPER
-        extra = 0.0
-    elif extra < 0.0:
-        extra = 0.0
-    elif extra > 1.0 - (high - low):
-        extra = 1.0 - (high - low)
-        limits |= LIMIT_THROTTLE_UPPER
-    average = extra - low
+    limits, scale, average = _fitted(low, high, throttle, average_max, limits)
     for i in range(count):
         thrust[i] = clip(average + scale * thrust[i], 0.0, 1.0)
+    return limits, average
+
+
+@kernel
+def _room(factor: float, yaw: float, level: float) -> float:
+    """Returns the yaw that a motor of yaw factor `factor` can add at a thrust of `level`."""
+    free = 1.0 - level if yaw * factor > 0.0 else level
+    return max(free, 0.0) / abs(factor)
+
+
+@kernel
+def _room_without(
+    factors: Any, count: int, lost: int, share: float, yaw: float, throttle: float, least: float, thrust: Any
+) -> float:
+    """Returns the yaw that every motor but the lost one can add, at least `least`; the lost one counts by 1 - share."""
+    room = 1.0
+    for i in range(count):
+        if factors[i, 2] != 0.0 and i != lost:
+            room = min(room, _room(factors[i, 2], yaw, throttle + thrust[i]))
+    room = max(room, least)
+    if lost >= 0 and factors[lost, 2] != 0.0:
+        with_lost = min(room, _room(factors[lost, 2], yaw, throttle + thrust[lost]))
+        room = share * room + (1.0 - share) * with_lost
+    return room
+
+
+@kernel
+def mix_without(
+    factors: Any,
+    count: int,
+    lost: int,
+    share: float,
+    roll: float,
+    pitch: float,
+    yaw: float,
+    throttle: float,
+    throttle_average_max: float,
+    throttle_max: float,
+    yaw_headroom: float,
+    thrust: Any,
+) -> tuple[int, float]:
+    """Distributes throttle and torques as `mix`, while one motor seems to have failed.
+
+    Args:
+        lost: that motor, from 0, whose thrust may exceed 1; negative: none.
+        share: by how much it is left out, 0 to 1. The limits of throttle and yaw move with it to 1 and to 0.5.
+
+    The others, and the returned values, are those of `mix`.
+    """
+    limits = 0
+    throttle_max = share + (1.0 - share) * throttle_max
+    if throttle <= 0.0:
+        throttle = 0.0
+        limits |= LIMIT_THROTTLE_LOWER
+    if throttle >= throttle_max:
+        throttle = throttle_max
+        limits |= LIMIT_THROTTLE_UPPER
+    average_max = clip(throttle_average_max, throttle, throttle_max)
+    for i in range(count):
+        thrust[i] = roll * factors[i, 0] + pitch * factors[i, 1]
+    least = share * _YAW_WITHOUT + (1.0 - share) * yaw_headroom
+    allowed = _room_without(factors, count, lost, share, yaw, min(0.5, average_max), least, thrust)
+    if abs(yaw) > allowed:
+        yaw = clip(yaw, -allowed, allowed)
+        limits |= LIMIT_YAW
+    low = 1.0
+    high = -1.0
+    for i in range(count):
+        thrust[i] += yaw * factors[i, 2]
+        low = min(low, thrust[i])
+        if i != lost:
+            high = max(high, thrust[i])
+    if lost >= 0 and thrust[lost] > high:
+        high = share * high + (1.0 - share) * thrust[lost]
+    limits, scale, average = _fitted(low, high, throttle, average_max, limits)
+    for i in range(count):
+        thrust[i] = average + scale * thrust[i]
     return limits, average
 
 

@@ -3,8 +3,12 @@
 Kernels over the autopilot's record `m`. Inputs are torques and throttle as fractions of full range; the output
 `m.motor` is (pwm - 1000) / 1000.
 
-Source: ArduPilot, AP_MotorsMulticopter (output_logic, update_throttle_hover) and AC_AttitudeControl_Multi
-(update_throttle_rpy_mix).
+A motor that has to give most, over half a second, may have failed. When the vehicle sinks in spite of that
+(`boost_thrust`), the others are no longer held back for its sake, until the demands are met again: on six motors and
+more altogether, on four only by its share of the yaw.
+
+Source: ArduPilot, AP_MotorsMulticopter (output_logic, update_throttle_hover), AP_MotorsMatrix (check_for_failed_motor)
+and AC_AttitudeControl_Multi (update_throttle_rpy_mix).
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from cosim_models.autopilot.control.mixer import (
     LIMIT_THROTTLE_UPPER,
     LIMIT_YAW,
     mix,
+    mix_without,
     thrust_to_command,
 )
 from cosim_models.autopilot.control.shaping import clip, lowpass_alpha
@@ -30,6 +35,7 @@ __all__ = [
     "SPOOLING_UP",
     "THROTTLE_UNLIMITED",
     "air_density_ratio",
+    "boost_thrust",
     "learn_hover_throttle",
     "mix_towards",
     "run_motors",
@@ -39,6 +45,10 @@ __all__ = [
 SHUT_DOWN, GROUND_IDLE, SPOOLING_UP, THROTTLE_UNLIMITED, SPOOLING_DOWN = 0, 1, 2, 3, 4
 """Spool states of the motors; the first two and THROTTLE_UNLIMITED can be requested."""
 
+_THRUST_TIME = 0.5  # s, of the mean of each motor's thrust
+_UNBALANCED, _BALANCED = 1.5, 1.25  # greatest thrust over the mean
+_REDUNDANT = 6  # motors
+_NEARLY_FULL = 0.9
 _HOVER_TIME = 10.0  # s, time constant of learning the hover throttle
 _HOVER_MIN, _HOVER_MAX = 0.125, 0.6875
 
@@ -142,23 +152,86 @@ def _slewed(m: Any, last: float, wanted: float, dt: float) -> float:
 
 
 @kernel
-def run_motors(m: Any, dt: float) -> None:
-    """Computes m.motor from m.torque and the throttle command, and records saturation."""
-    _filter_throttle(m, dt)
-    _spool(m, dt)
-    gain = 1.0 / m.lift
-    limits, average = mix(
+def boost_thrust(m: Any) -> int:
+    """Leaves the motor that gives most out of the limits of the others; returns its number, from 0."""
+    m.boosted = m.boosting = True
+    m.lost_motor = 0
+    for i in range(m.motor_count):
+        if m.thrust_mean[i] > m.thrust_mean[m.lost_motor]:
+            m.lost_motor = i
+    return int(m.lost_motor)
+
+
+@kernel
+def _balance(m: Any, average: float) -> None:
+    """Updates whether the motors are balanced, and ends the boost when that is not needed for the `average` thrust."""
+    most = total = 0.0
+    for i in range(m.motor_count):
+        most = max(most, m.thrust_mean[i])
+        total += m.thrust_mean[i]
+    ratio = most * m.motor_count / total if total > 0.1 else 1.0
+    if ratio >= _UNBALANCED and m.motor_count >= _REDUNDANT:
+        m.unbalanced = True
+    elif ratio <= _BALANCED:
+        m.unbalanced = False
+    if m.boosting:
+        m.boosted = m.boosted and (m.unbalanced or most >= _NEARLY_FULL or m.thrust_max / m.lift <= average)
+        m.boosting = m.boosted or m.boost_share > 0.0
+
+
+@kernel
+def _mix_boosted(m: Any, gain: float, dt: float) -> tuple[int, float]:
+    """Mixes while the lost motor is left out, or on its way back."""
+    step = dt / max(m.MOT_SPOOL_TIME, 0.05)
+    if m.spool_state == SHUT_DOWN or m.spool_state == GROUND_IDLE:
+        m.boosted = False
+        m.boost_share = 0.0
+    elif m.spool_state == SPOOLING_UP:
+        m.boosted = False
+    up = m.spool_state == THROTTLE_UNLIMITED and m.boosted and m.unbalanced
+    m.boost_share = clip(m.boost_share + (step if up else -step), 0.0, 1.0)
+    return mix_without(
         m.factors,
         m.motor_count,
+        m.lost_motor if m.boosted else -1,
+        m.boost_share,
         m.torque[0] * gain,
         m.torque[1] * gain,
         m.torque[2] * gain,
         m.throttle_filtered * gain,
         m.throttle_average_max * gain,
-        m.thrust_max,
+        m.thrust_max * gain,
         0.001 * m.MOT_YAW_HEADROOM,
         m.thrust,
     )
+
+
+@kernel
+def run_motors(m: Any, dt: float) -> None:
+    """Computes m.motor from m.torque and the throttle command, and records saturation."""
+    _filter_throttle(m, dt)
+    _spool(m, dt)
+    gain = 1.0 / m.lift
+    if m.boosting:
+        limits, average = _mix_boosted(m, gain, dt)
+    else:
+        limits, average = mix(
+            m.factors,
+            m.motor_count,
+            m.torque[0] * gain,
+            m.torque[1] * gain,
+            m.torque[2] * gain,
+            m.throttle_filtered * gain,
+            m.throttle_average_max * gain,
+            m.thrust_max,
+            0.001 * m.MOT_YAW_HEADROOM,
+            m.thrust,
+        )
+    share = dt / (dt + _THRUST_TIME)
+    for i in range(m.motor_count):
+        m.thrust_mean[i] += share * (m.thrust[i] - m.thrust_mean[i])
+    if m.boosting or m.motor_count >= _REDUNDANT:
+        _balance(m, average)
     m.throttle_out = average / gain
     if m.spool_state == SHUT_DOWN or m.spool_state == GROUND_IDLE:
         limits = LIMIT_ROLL_PITCH | LIMIT_YAW | LIMIT_THROTTLE_LOWER | LIMIT_THROTTLE_UPPER

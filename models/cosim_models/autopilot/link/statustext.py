@@ -205,6 +205,7 @@ __all__ = [
     "ZIGZAG_REFUSED",
     "ZIGZAG_STORED_A",
     "ZIGZAG_STORED_B",
+    "YAW_IMBALANCE",
     "say",
     "say_here",
     "say_with",
@@ -421,6 +422,7 @@ NO_SMART_RETURNS = _text(b"SmartRTL Unavailable, Trying RTL Mode")
 RECOVERY = _text(b"Manual recovery started")
 WIND_UNCONNECTED = _text(b"SIM_WIND: added_wind is not connected")
 THRUST_LOST = _text(b"Potential Thrust Loss (%)")
+YAW_IMBALANCE = _text(b"Yaw Imbalance %|")
 TRY_LAND = _text(b"Trying Land Mode")
 TRY_RTL = _text(b"Trying RTL Mode")
 USING_GPS = _text(b"EKF3 IMU0 is using GPS")

@@ -485,7 +485,7 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         say_here(m, INFO, RALLY_FETCH_OLD, NO_NUMBER)
         say_here(m, WARNING, RALLY_FETCH_FAILED, NO_NUMBER)
     elif message == PARAM_SET:
-        set_parameter(m)
+        set_parameter(m, t)
     elif message == PARAM_REQUEST_LIST:
         list_parameters(m, t)
         send_banner(m)

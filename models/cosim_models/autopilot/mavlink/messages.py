@@ -54,6 +54,7 @@ from cosim.messages import (
     MAV_SYS_STATUS_PREARM_CHECK,
     MAV_SYS_STATUS_SENSOR_BATTERY,
     MAV_SYS_STATUS_SENSOR_GPS,
+    MAV_SYS_STATUS_SENSOR_PROPULSION,
     MEMINFO,
     MESSAGE_INTERVAL,
     MISSION_CURRENT,
@@ -254,6 +255,8 @@ def _send_sys_status(m: Any, t: float) -> bool:
         health -= MAV_SYS_STATUS_SENSOR_GPS
     if m.position_lost and reached(m, t, AHRS_AT):
         health -= MAV_SYS_STATUS_AHRS
+    if m.boosted:
+        health -= MAV_SYS_STATUS_SENSOR_PROPULSION
     if m.FENCE_ENABLE != 0:
         enabled += MAV_SYS_STATUS_GEOFENCE
         if m.fence_breach != 0:

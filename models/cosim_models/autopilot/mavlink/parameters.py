@@ -36,6 +36,7 @@ from cosim.messages import (
 )
 from cosim.model import record_layout
 from cosim.packets import get_u8, put_u8
+from cosim_models.autopilot.commander.sensors import watch_sensors
 from cosim_models.autopilot.link.links import can_answer, send, send_to_all
 from cosim_models.autopilot.link.statustext import NO_NUMBER, WARNING, WIND_UNCONNECTED, say
 from cosim_models.autopilot.record.parameter_types import INT8, INT16, INT32
@@ -91,6 +92,7 @@ _IS_WHOLE = np.array([v.kind == "Integer" for v in _TABLE], dtype=np.uint8)
 PARAMETER_TYPES = tuple(int(_type(name)) for name in PARAMETER_NAMES)
 """The MAV_PARAM_TYPE of each parameter, in the same order."""
 _TYPES = np.array(PARAMETER_TYPES, dtype=np.int64)
+_IS_ENGINE = np.array([v.name.startswith("SIM_ENGINE_") for v in _TABLE], dtype=np.uint8)
 _IS_WIND = np.array([v.name.startswith("SIM_WIND_") for v in _TABLE], dtype=np.uint8)
 _LEAST = np.array([1.0 if v.name == "SYSID_THISMAV" else v.minimum or 0.0 for v in _TABLE])
 _SHARES = ("MOT_SPIN_ARM", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_EXPO", "MOT_THST_HOVER", "TKOFF_THR_MAX")
@@ -197,8 +199,11 @@ def _deny(m: Any, i: int) -> None:
 
 
 @kernel
-def set_parameter(m: Any) -> None:
-    """Handles PARAM_SET: the resulting value is sent to all; unknown names, infinity and NaN are not answered."""
+def set_parameter(m: Any, t: float) -> None:
+    """Handles PARAM_SET: the resulting value is sent to all; unknown names, infinity and NaN are not answered.
+
+    A motor fails at once, not when the sensors are watched next.
+    """
     _, _, value, _ = decode_param_set(m.received)
     i = _find(m, PARAM_SET_PARAM_ID)
     if i < 0 or not math.isfinite(value):
@@ -213,6 +218,8 @@ def set_parameter(m: Any) -> None:
             set_whole(m, _OFFSETS[i], int(value))
         else:
             set_real(m, _OFFSETS[i], value)
+        if _IS_ENGINE[i] != 0:
+            watch_sensors(m, t)
     else:
         _deny(m, i)
     _fill(m, i, _CHANGED)

@@ -72,6 +72,8 @@ MEMORY = (
     State("motor_count", type=int, description="motors that the mixer drives"),
     Memory("factors", shape=(MAX_MOTORS, 3)),
     Memory("thrust", shape=MAX_MOTORS),
+    Memory("thrust_mean", shape=MAX_MOTORS),  # over half a second
+    Memory("boosting", dtype="?"),  # a motor is left out of the limits of the others, or on its way back
     Memory("lift"),  # of a command: air density relative to sea level, and voltage
     Memory("spool_state", dtype="i4"),
     Memory("spool_wanted", dtype="i4"),
@@ -357,7 +359,14 @@ MEMORY = (
     Memory("vibrated_at", rare=True),
     State("vibration_failsafe", type=bool, description="whether the height is controlled without the accelerometer"),
     Memory("crash_count", dtype="i4", rare=True),
-    Memory("thrust_count", dtype="i4", rare=True),
+    Memory("thrust_loss_since", rare=True),
+    Memory("thrust_loss_seen", rare=True),  # time of the last step that looked like it
+    Memory("lost_motor", dtype="i4", rare=True),
+    Memory("boosted", dtype="?", rare=True),  # the lost motor is left out of the limits of the others
+    Memory("boost_share", rare=True),  # by how much it is left out, 0 to 1
+    Memory("unbalanced", dtype="?", rare=True),  # one motor gives much more than the mean
+    Memory("yaw_integral", rare=True),  # mean of the integral of the yaw rate's controller
+    Memory("yaw_warned_at", rare=True),
     # mission
     Memory("mission_count", dtype="i4"),  # number of items, including home
     Memory("mission_current", dtype="i4"),

@@ -1,18 +1,29 @@
-"""Contact of one point with flat ground: a spring and a damper normal to it, stick and slip along it.
+"""Contact with flat ground: of one point, by a spring and a damper normal to it, stick and slip along it.
 
 Along the ground, a spring connects the point to an anchor. The anchor stays in place until the force exceeds Coulomb's
 limit and is then dragged along. A body at rest therefore stays in place, even in side wind, whereas a friction law that
 depends only on velocity creeps. Source: P. A. Cundall and O. D. L. Strack, A discrete numerical model for granular
 assemblies, Geotechnique 29 (1979).
+
+`held` is another ground, that of ArduPilot's simulation (libraries/SITL/SIM_Aircraft.cpp, update_dynamics): in each of
+its 1200 steps a second, it puts a vehicle within 1 mm of it back on it, upright and at rest but for a climb rate, which
+grows from step to step. The vehicle leaves it when a step takes it further than 1 mm: at 1.2 m/s.
 """
 
 from __future__ import annotations
 
-from math import sqrt
+from math import cos, sin, sqrt
 
+from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
+from cosim_models.vehicles.dynamics.rigid_body import Quaternion, Vector
 
-__all__ = ["contact_force", "dragged"]
+__all__ = ["HOLDS", "contact_force", "dragged", "held", "is_held"]
+
+HOLDS = 0.001
+"""Height [m] up to which `held` holds a vehicle."""
+
+_LEAVES = 1200.0 * HOLDS  # m/s
 
 
 @kernel
@@ -62,3 +73,30 @@ def dragged(
     if stretch <= limit:
         return (sn, se)
     return (sn * limit / stretch, se * limit / stretch)
+
+
+@kernel
+def is_held(before: float, down: float, sink: float, ground: float) -> bool:
+    """Returns whether the ground of ArduPilot's simulation holds a vehicle at the end of a step.
+
+    Args:
+        before, down: its down coordinate at the begin and at the end of the step [m].
+        sink: its velocity downwards [m/s].
+        ground: down coordinate at which it stands [m].
+    """
+    return down >= ground - HOLDS or (before >= ground - HOLDS and sink >= -_LEAVES)
+
+
+@kernel
+def held(position: Vector, velocity: Vector, q: Quaternion, ground: float) -> tuple[Vector, Vector, Quaternion]:
+    """Returns position, velocity and attitude of a vehicle that `is_held`; its angular velocity is zero.
+
+    Args:
+        position: [m, NED].
+        velocity: [m/s, NED].
+        q: attitude.
+        ground: down coordinate at which the vehicle stands [m].
+    """
+    half = 0.5 * euler_from_quaternion(q)[2]
+    place, climb = (position[0], position[1], ground), (0.0, 0.0, min(velocity[2], 0.0))
+    return place, climb, (cos(half), 0.0, 0.0, sin(half))

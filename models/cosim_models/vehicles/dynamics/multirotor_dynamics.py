@@ -14,7 +14,7 @@ import numpy as np
 from cosim.frames import derivative, normalize
 from cosim.kernel import kernel
 from cosim.vehicle import MAX_MOTORS
-from cosim_models.vehicles.dynamics.ground import contact_force, dragged
+from cosim_models.vehicles.dynamics.ground import HOLDS, contact_force, dragged, held, is_held
 from cosim_models.vehicles.dynamics.rigid_body import (
     Matrix,
     Quaternion,
@@ -30,6 +30,7 @@ from cosim_models.vehicles.dynamics.rigid_body import (
 )
 from cosim_models.vehicles.dynamics.rotor import (
     MotorCurve,
+    command_share,
     decay,
     lagged,
     rotor_force,
@@ -56,7 +57,7 @@ ERRORS = {
     4: "command_max must be greater than command_min",
     5: "position_start is below the ground: down must not exceed ground_height",
     6: "position, velocity or attitude is no longer finite",
-    7: "speed_max and thrust_constant must be positive for the thrust curve",
+    7: "speed_max and thrust_constant must be positive for the thrust curve and moment_by_command",
 }
 
 
@@ -98,11 +99,24 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
             fz -= along
             mx -= y * along
             my += x * along
+        if m.moment_by_command:
+            mz += _moment_beyond(m, stage)
     elif m.quadratic_drag > 0.0:
         drag += m.quadratic_drag * sqrt(air[0] * air[0] + air[1] * air[1] + air[2] * air[2])
     force = (fx - drag * air[0], fy - drag * air[1], fz - drag * air[2])
     damping = load(m.rotational_damping)
     return force, (mx - damping[0] * rates[0], my - damping[1] * rates[1], mz - damping[2] * rates[2])
+
+
+@kernel
+def _moment_beyond(m: Any, stage: int) -> float:
+    """Returns the yaw moment [N m] by which moments that grow with the command differ from those of full command."""
+    moment, most = 0.0, m.speed_max * m.speed_max
+    for i in range(m.rotor_count):
+        square = float(m.stage_speed[stage, i]) * float(m.stage_speed[stage, i])
+        command = command_share(square / most, m.thrust_expo) if m.motor_curve != _CURVE_SPEED else sqrt(square / most)
+        moment += float(m.rotor_direction[i]) * m.moment_constant * m.thrust_now * square * (command - 1.0)
+    return moment
 
 
 @kernel
@@ -165,7 +179,10 @@ def _accelerations(
         wind = along(wind, 1.0, load(m.added_wind))
     air = to_body(r, (velocity[0] - wind[0], velocity[1] - wind[1], velocity[2] - wind[2]))
     force, torque = _air_forces(m, stage, air, rates)
-    if position[2] + m.reach > m.surface:
+    carried = False
+    if position[2] + m.reach > m.surface and m.held_by_ground:
+        carried = position[2] >= m.ground_height - HOLDS
+    elif position[2] + m.reach > m.surface:
         push, tip = _ground_forces(m, position, velocity, r, rates)
         force = along(force, 1.0, to_body(r, push))
         torque = along(torque, 1.0, tip)
@@ -178,6 +195,9 @@ def _accelerations(
     mass = float(m.mass)
     specific = (force[0] / mass, force[1] / mass, force[2] / mass)
     acceleration = from_body(r, specific)
+    if carried and acceleration[2] + GRAVITY > 0.0:
+        acceleration = (acceleration[0], acceleration[1], -GRAVITY)
+        specific = to_body(r, acceleration)
     return (
         (acceleration[0], acceleration[1], acceleration[2] + GRAVITY),
         angular_acceleration(load(m.inertia), rates, torque, spin),
@@ -340,6 +360,9 @@ def _slip(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: Vect
     m.on_ground = False
     if position[2] + m.reach + 1.0 < m.surface:
         return
+    if m.held_by_ground:
+        m.on_ground = position[2] >= m.ground_height - HOLDS
+        return
     r = rotation_matrix(q)
     for i in range(_FEET + m.rotor_count):
         if _depth(m, i, position, r) <= 0.0:
@@ -373,7 +396,7 @@ def _check(m: Any) -> int:
         return 4
     if m.position_start[2] > m.ground_height:
         return 5
-    if m.motor_curve != _CURVE_SPEED and not (m.speed_max > 0.0 and m.thrust_constant > 0.0):
+    if (m.motor_curve != _CURVE_SPEED or m.moment_by_command) and not (m.speed_max > 0.0 and m.thrust_constant > 0.0):
         return 7
     return 0
 
@@ -454,8 +477,12 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     kept = kept and _is_kept(m, position, velocity, q, rates)
     for _ in range(steps):
         _turn_rotors(m, part)
+        down = position[2]
         position, velocity, q, rates = _rk4(m, part, kept, position, velocity, q, rates)
         kept = False
+        if m.held_by_ground and is_held(down, position[2], velocity[2], m.ground_height):
+            position, velocity, q = held(position, velocity, q, m.ground_height)
+            rates = (0.0, 0.0, 0.0)
         _slip(m, position, velocity, q, rates)
     total = position[0] + position[1] + position[2] + velocity[0] + velocity[1] + velocity[2] + q[0] + rates[0]
     if not isfinite(total):

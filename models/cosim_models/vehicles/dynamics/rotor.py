@@ -11,12 +11,21 @@ MOT_SPIN_MIN and MOT_SPIN_MAX linearise.
 from __future__ import annotations
 
 from enum import IntEnum
-from math import exp
+from math import exp, sqrt
 
 from cosim.kernel import kernel
 from cosim_models.vehicles.dynamics.rigid_body import Vector
 
-__all__ = ["MotorCurve", "decay", "lagged", "rotor_force", "rotor_moment", "speed_command", "thrust_command"]
+__all__ = [
+    "MotorCurve",
+    "command_share",
+    "decay",
+    "lagged",
+    "rotor_force",
+    "rotor_moment",
+    "speed_command",
+    "thrust_command",
+]
 
 
 class MotorCurve(IntEnum):
@@ -49,6 +58,14 @@ def thrust_command(command: float, command_min: float, command_max: float, expo:
         return 0.0
     c = _effective(command, command_min, command_max)
     return (1.0 - expo) * c + expo * c * c
+
+
+@kernel
+def command_share(thrust: float, expo: float) -> float:
+    """Returns the command, 0 to 1 of its range, for a share of the greatest thrust: the inverse of `thrust_command`."""
+    linear = 1.0 - expo
+    root = linear + sqrt(max(linear * linear + 4.0 * expo * thrust, 0.0))
+    return 2.0 * thrust / root if root > 0.0 else 0.0
 
 
 @kernel
