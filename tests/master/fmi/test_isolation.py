@@ -224,7 +224,7 @@ def test_a_library_that_does_not_ask_for_libm(faulties: Faulties, tmp_path: Path
     source.write_text(
         '#include "faulty.c"\ndouble sinh(double);\nEXPORT double unlinked(double x) { return sinh(x); }\n'
     )
-    library = faulties.fmu("one.fmu", "none none 0", ABLE, source, "-nostdlib")
+    library = faulties.fmu("one.fmu", "none none 0", ABLE, source, "-nostdlib", "-target", "native")
     assert b"sinh" in library and b"libm.so" not in library
     system = faulties.workshop.system(faulties.workshop.component("a", "one.fmu"))
     path = faulties.workshop.ssd("one.ssd", system, '<ssd:DefaultExperiment startTime="0" stopTime="2"/>')

@@ -23,7 +23,8 @@ import fmpy.fmi2
 import pyarrow.parquet as pq
 import pytest
 
-from cosim.build import build, load_models
+from cosim.build import HOST, build, load_models
+from cosim.build.native.compiled import TARGETS
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.outcome.result import RunResult
@@ -51,17 +52,17 @@ def connected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Isolated FMUs of Linux are run by the portable program."""
     monkeypatch.setattr(isolated, "run_by_another", lambda fmu: fmu.table is None)
     monkeypatch.setattr(isolated, "runner", lambda: ["env"])
-    monkeypatch.setattr(isolated, "portable", lambda _: portable(""))
+    monkeypatch.setattr(isolated, "portable", lambda _: portable(TARGETS[HOST].zig))
 
 
 @pytest.fixture
 def elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     """Processes are those of systems without shared memory: the master's side is compiled without it, too."""
-    functions = loaded(connecting("", "-DPORTABLE"), sharing=False)
+    functions = loaded(connecting(TARGETS[HOST].zig, "-DPORTABLE"), sharing=False)
     monkeypatch.setattr(child, "_functions", lambda: functions)
     for module in (isolated, isolating, runner):
         monkeypatch.setattr(module, "shares_memory", lambda: False)
-    monkeypatch.setattr(isolating, "connecting", lambda _: connecting("", "-DPORTABLE"))
+    monkeypatch.setattr(isolating, "connecting", lambda _: connecting(TARGETS[HOST].zig, "-DPORTABLE"))
 
 
 WAYS = pytest.mark.parametrize("way", ["connected", "elsewhere"])

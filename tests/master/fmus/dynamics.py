@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any
 
 from cosim_master.fmi.description.read import platform
 from tests.master.conftest import SUFFIX, attributes
+from tests.master.fmus.probe import SHARED_LIBRARY
 
 SOURCE = Path(__file__).with_name("dynamic.c")
 
@@ -83,8 +83,8 @@ STATES3 = 'canGetAndSetFMUState="true" canSerializeFMUState="true"'
 def library(model: str, fmi: int, folder: Path) -> bytes:
     number = list(MODELS).index(model) + 1
     file = folder / f"dynamic_{model}_{fmi}{SUFFIX[platform()]}"
-    flags = ["-std=gnu11", "-O1", "-shared", "-fPIC", f"-DMODEL={number}", f"-DFMI={fmi}", str(SOURCE), "-o", str(file)]
-    subprocess.run([sys.executable, "-m", "ziglang", "cc", *flags], check=True)
+    flags = [f"-DMODEL={number}", f"-DFMI={fmi}", str(SOURCE), "-o", str(file)]
+    subprocess.run([*SHARED_LIBRARY, *flags], check=True)
     return file.read_bytes()
 
 

@@ -11,7 +11,8 @@ from typing import Any
 
 from pythonfmu import FmuBuilder
 
-from cosim.build import build, load_models
+from cosim.build import HOST, build, load_models
+from cosim.build.native.compiled import TARGETS
 from cosim_master.fmi.description.read import platform
 from tests.master.conftest import SUFFIX, Workshop, variable
 
@@ -21,13 +22,17 @@ LEVEL = (
 )
 PORTS = "u:input n:input b:input s:input e:input p:parameter y:output m:output c:output r:output f:output"
 
+SHARED_LIBRARY = [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[HOST].zig]
+SHARED_LIBRARY += ["-std=gnu11", "-O1", "-shared", "-fPIC", "-s"]
+"""The compiler, for the target of FMUs and without symbols as they are: zig then takes the same runtime library."""
+
 
 @cache
 def compiled(source: Path, folder: Path, *more: str) -> bytes:
     """The library made of a C file, with more flags of the compiler."""
     library = folder / f"{source.stem}{SUFFIX[platform()]}"
-    flags = ["-std=gnu11", "-O1", "-shared", "-fPIC", f"-I{Path(__file__).parent}", str(source), "-o", str(library)]
-    subprocess.run([sys.executable, "-m", "ziglang", "cc", *flags, *more], check=True)
+    flags = [f"-I{Path(__file__).parent}", str(source), "-o", str(library)]
+    subprocess.run([*SHARED_LIBRARY, *flags, *more], check=True)
     return library.read_bytes()
 
 

@@ -32,6 +32,8 @@ _SOURCES = Path(__file__).parent
 _FLAGS = ("-std=gnu11", "-O2", "-g0", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror")
 _PORTABLE = ("-std=gnu11", "-O2", "-g0", "-Wall", "-Wextra", "-Werror")
 _LIBRARIES = ("-lm", "-lpthread", "-ldl")
+_STRIPPED = "-s"
+"""As FMUs are linked: zig compiles its runtime library once for programs with symbols and once for those without."""
 
 
 class CannotIsolate(Exception):
@@ -120,7 +122,7 @@ def _native(name: str, target: str, suffix: str, *flags: str) -> Path:
             fresh = Path(folder) / kept.name
             command = [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else []), *_PORTABLE]
             more = ["-lws2_32"] if _windows(target) else list(_LIBRARIES)
-            _run([*command, *flags, str(_SOURCES / f"{name}.c"), "-o", str(fresh), *more])
+            _run([*command, _STRIPPED, *flags, str(_SOURCES / f"{name}.c"), "-o", str(fresh), *more])
             fresh.replace(kept)
         seal(kept)
     return kept
@@ -130,7 +132,7 @@ def _digest(target: str = "") -> str:
     digest = hashlib.sha256(f"{platform.machine()} {target}".strip().encode())
     for file in sorted(_SOURCES.glob("*.[ch]")):
         digest.update(file.name.encode() + file.read_bytes())
-    digest.update(" ".join((*_FLAGS, *_LIBRARIES)).encode())
+    digest.update(" ".join((*_FLAGS, _STRIPPED, *_LIBRARIES)).encode())
     return digest.hexdigest()[:16]
 
 
@@ -151,7 +153,7 @@ def _compile(folder: Path) -> None:
         ["-fPIC", "-shared", proxy, host, stack, crash, "-o", str(folder / LIBRARY), "-ldl"],
         ["-DPROGRAM", host, "-o", str(folder / HOST), *_LIBRARIES],
     ):
-        _run([*compiler, *_FLAGS, *command])
+        _run([*compiler, *_FLAGS, _STRIPPED, *command])
 
 
 def _run(command: Sequence[str]) -> None:
