@@ -2,6 +2,7 @@
 
 ARDUPILOT_SITL names a program beside which `ardurover` and `arduplane` lie. The questions are those of
 `benchmarks.wire`; "air" means armed in GUIDED: a rover that stands, a plane that circles, a quadplane that hovers.
+Words count as equal whatever measured number with a decimal point they tell ("Transition started airspeed 0.4").
 
     ARDUPILOT_SITL=... python -m benchmarks.wire_others [rover|plane|quadplane ...] [--json FILE]
 """
@@ -9,6 +10,7 @@ ARDUPILOT_SITL names a program beside which `ardurover` and `arduplane` lie. The
 from __future__ import annotations
 
 import argparse
+import re
 import tempfile
 import time
 from collections.abc import Sequence
@@ -190,6 +192,11 @@ def state_of(one: RealCopter) -> tuple[int, bool]:
     return int(beat.custom_mode), bool(beat.base_mode & 128)
 
 
+def unmeasured(answer: Answer) -> Answer:
+    """The answer without the measured numbers in its words."""
+    return Answer(answer.result, tuple(re.sub(r"-?\d+\.\d+", "#", text) for text in answer.texts), answer.reply)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).split("\n", 1)[0])
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=", ".join(KINDS))
@@ -201,7 +208,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         ours = ask_ours(kind)
         with tempfile.TemporaryDirectory(prefix="uav-cosim-wire-") as folder:
             theirs = ask_real(kind, Path(folder))
-        found = [one for one in QUESTIONS if differs(one, ours[one.name], theirs[one.name])]
+        found = [one for one in QUESTIONS if differs(one, unmeasured(ours[one.name]), unmeasured(theirs[one.name]))]
         rows = [[one.name, told(ours[one.name]), told(theirs[one.name])] for one in found]
         note = f"{len(QUESTIONS) - len(found)} of {len(QUESTIONS)} answers equal those of {kind.firmware}"
         show(f"On the wire: {name}", host, ["question", "ours", kind.firmware], rows, note)

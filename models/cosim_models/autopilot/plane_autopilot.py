@@ -244,6 +244,21 @@ def _pilot(m: Any, t: float, h: float) -> None:
         fly(m, bank, m.guided_position[2], wanted, h)
 
 
+@kernel
+def _act(m: Any, t: float, h: float) -> None:
+    """Flies in the mode that it has."""
+    if m.mode < _AUTO:
+        _pilot(m, t, h)
+    elif m.mode == _AUTO:
+        _carry_out(m, t, h)
+    elif m.taking_off:
+        take_off(m, h)
+    elif m.on_ground:
+        rest(m)
+    else:
+        fly(m, circle(m, m.guided_position[0], m.guided_position[1]), m.guided_position[2], cruise_speed(m), h)
+
+
 # ---- the model -----------------------------------------------------------------------------------------------------
 
 
@@ -273,23 +288,14 @@ def advance(m: Any, t: float, h: float) -> int:
     m.mavlink_tx_len = 0
     if m.mavlink_rx_len > 0:
         _receive(m, t)
-    speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
     if not m.armed:
         home_here(m)
         m.rotated, m.elevator_trim = False, 0.0
+        rest(m)
+    speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
     m.on_ground = m.ground_down - m.position[2] < _FLYING_HEIGHT and speed < _FLYING_SPEED
-    if not m.armed:
-        rest(m)
-    elif m.mode < _AUTO:
-        _pilot(m, t, h)
-    elif m.taking_off and m.mode != _AUTO:
-        take_off(m, h)
-    elif m.mode == _AUTO:
-        _carry_out(m, t, h)
-    elif m.on_ground:
-        rest(m)
-    else:
-        fly(m, circle(m, m.guided_position[0], m.guided_position[1]), m.guided_position[2], cruise_speed(m), h)
+    if m.armed:
+        _act(m, t, h)
     for i in range(3):
         m.target[i] = m.guided_position[i]
         m.desired_position[i] = m.guided_position[i]

@@ -5,8 +5,9 @@ Q_GUIDED_MODE 1, a new target farther away than WP_LOITER_RAD is flown to on the
 the vehicle hovers at it; with 0, it circles its target as a fixed wing. NAV_TAKEOFF in GUIDED, and the missions'
 take-offs, are vertical; VTOL_LAND, QLAND and QRTL land vertically, as does LOITER_ALT_QLAND after a descent on the
 wing. A pilot flies QSTABILIZE, QHOVER, QLOITER and QACRO (`wing.lifted`); without one, QHOVER keeps level, QLOITER its
-place. In the modes of a pilot on the wing, it gets there from the rotors with its own throttle. All other modes and
-answers are those of `PlaneAutopilot`. `wing.transition` describes the ways between rotors and wing.
+place. STABILIZE, FBWA, FBWB and CRUISE get onto the wing with its own throttle; in MANUAL, TRAINING and ACRO the rotors
+stop. All other modes and answers are those of `PlaneAutopilot`. `wing.transition` describes the ways between rotors and
+wing.
 
 Differences from ArduPlane: those of `PlaneAutopilot`; Q_GUIDED_MODE and Q_MAV_TYPE are 0 there; no assistance by angle,
 no weathervaning but that by the fin, no tilting rotors.
@@ -129,6 +130,7 @@ _KNOWN = tuple(map(int, QuadplaneMode))
 _BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA)
 _PILOTED = (*_BY_HAND, _FBWB, _CRUISE, _QSTABILIZE, _QACRO)
 _BY_ROTORS = (_QSTABILIZE, _QHOVER, _QLOITER, _QACRO)
+_UNASSISTED = (_MANUAL, _TRAINING, _ACRO)  # the rotors stop
 _FREE = (*_BY_HAND, _QSTABILIZE, _QACRO)  # need no position
 _ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of them it is in the air
@@ -386,7 +388,7 @@ def _pilot(m: Any, t: float, h: float) -> None:
         bank = circling_bank(m)
     elif m.mode == _FBWB or m.mode == _CRUISE:
         bank, wanted = demand(m, t, h)
-    elif m.mode == _MANUAL or m.on_ground or on_wing_alone(m, t):
+    elif m.mode in _UNASSISTED or m.on_ground or on_wing_alone(m, t):
         if m.on_ground:
             m.vtol, m.fast_since = False, 0.0
         no_lift(m)

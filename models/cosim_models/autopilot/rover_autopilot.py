@@ -375,7 +375,7 @@ def advance(m: Any, t: float, h: float) -> int:
         m.motor[0], m.motor[1] = 0.5, 0.5
         m.demand, m.integral = 0.0, 0.0
     else:
-        if m.mode != _SMART_RTL:
+        if t >= m.crumb_next and m.mode != _SMART_RTL:
             record_track(m, t)
         _act(m, t, h)
     placed = m.guided_kind != VELOCITY

@@ -15,7 +15,6 @@ from tests.models.pair import ACCEPTED, FAILED, Pair
 
 MANUAL, CIRCLE, STABILIZE, TRAINING, ACRO, FBWA, FBWB, CRUISE, AUTOTUNE = range(9)
 GRAVITY = 9.80665
-CLOSED = 1100
 
 
 @cache
@@ -67,13 +66,13 @@ def course_rate(p: Pair, seconds: float, **held: int) -> float:
 
 
 def opened(pulse: int) -> float:
-    return (pulse - 1130.0) / 770.0
+    return (pulse - 1030.0) / 970.0
 
 
 def test_manual_passes_the_sticks_on() -> None:
     p = high(MANUAL)
-    sticks(p, 0.5, 1600, 1520, 1900, 1400)
-    expected = [0.625, 0.525, 1.0, 0.5 - 0.5 * 70.0 / 370.0]  # the stick of yaw has a dead zone
+    sticks(p, 0.5, 1600, 1520, 2000, 1400)
+    expected = [0.6, 0.52, 1.0, 0.5 - 0.5 * 70.0 / 470.0]  # the stick of yaw has a dead zone
     assert p.m.motor[:4].tolist() == pytest.approx(expected)
     p.until(p.time + 3.0)  # the override has ended
     assert p.m.motor[:4].tolist() == [0.5, 0.5, 0.0, 0.5]
@@ -84,9 +83,9 @@ def test_fbwa_banks_and_pitches_as_the_sticks_say() -> None:
     held = {"roll": 1700, "throttle": 1400, "pitch": 1550}
     sticks(p, 12.0, **held)
     roll, pitch, _ = angles(p)
-    assert roll == pytest.approx(0.5 * 45.0, abs=0.5)
+    assert roll == pytest.approx(0.4 * 45.0, abs=0.5)
     down = 2.0 * (1.0 - 100.0 * opened(1400) / 40.0)  # STAB_PITCH_DOWN, TRIM_THROTTLE
-    assert pitch == pytest.approx(0.125 * 20.0 - down, abs=0.5)
+    assert pitch == pytest.approx(0.1 * 20.0 - down, abs=0.5)
     assert p.m.motor[2] == pytest.approx(opened(1400))
     fast = speed(p)
     rate = course_rate(p, 2.0, **held)
@@ -106,14 +105,14 @@ def test_fbwa_glides_without_a_pilot() -> None:
 def test_the_bank_stays_within_the_load_that_the_wing_carries() -> None:
     p = high(FBWB)
     p.m.AIRSPEED_MIN = 19.0
-    sticks(p, 12.0, roll=1900, throttle=1200)
+    sticks(p, 12.0, roll=2000, throttle=1120)
     assert angles(p)[0] == pytest.approx(math.degrees(math.acos((19.0 / speed(p)) ** 2)), abs=1.5)
     assert angles(p)[0] < 40.0
     p.m.AIRSPEED_MIN = 40.0
-    sticks(p, 5.0, roll=1900, throttle=1200)
+    sticks(p, 5.0, roll=2000, throttle=1120)
     assert angles(p)[0] == pytest.approx(25.0, abs=0.7)
     p.m.STALL_PREVENTION = 0
-    sticks(p, 4.0, roll=1900, throttle=1400)
+    sticks(p, 4.0, roll=2000, throttle=1400)
     assert angles(p)[0] == pytest.approx(45.0, abs=1.0)
 
 
@@ -124,7 +123,7 @@ def test_stabilize_levels_the_wings() -> None:
     sticks(p, 8.0, roll=1600)
     banked = angles(p)[0]
     assert 5.0 < banked < 40.0  # it holds against a part of the stick
-    sticks(p, 0.05, roll=1900)
+    sticks(p, 0.05, roll=2000)
     assert p.m.motor[0] == 1.0  # and against nothing of a full one
 
 
@@ -136,7 +135,7 @@ def test_training_keeps_within_its_limits() -> None:
             break
     tops = []
     for _ in range(12):
-        sticks(p, 0.25, roll=1900, pitch=1900)
+        sticks(p, 0.25, roll=2000, pitch=2000)
         tops.append(angles(p)[:2])
     assert 43.0 < max(roll for roll, _ in tops) < 55.0
     assert max(pitch for _, pitch in tops) < 27.0
@@ -148,32 +147,32 @@ def test_acro_asks_for_rates_and_keeps_the_attitude() -> None:
     p = high(ACRO)
     sticks(p, 1.0, pitch=1500)
     sticks(p, 1.0, roll=1600)
-    assert float(p.v.angular_velocity[0]) == pytest.approx(math.radians(180.0 * 70.0 / 370.0), rel=0.12)
+    assert float(p.v.angular_velocity[0]) == pytest.approx(math.radians(180.0 * 70.0 / 470.0), rel=0.12)
     sticks(p, 0.8)
     before = angles(p)
     sticks(p, 1.0)
     assert angles(p)[0] == pytest.approx(before[0], abs=3.0)
     assert abs(before[0]) > 20.0  # it is not levelled
     sticks(p, 1.0, pitch=1560)
-    assert float(p.v.angular_velocity[1]) == pytest.approx(math.radians(180.0 * 30.0 / 370.0), rel=0.15)
+    assert float(p.v.angular_velocity[1]) == pytest.approx(math.radians(180.0 * 30.0 / 470.0), rel=0.15)
 
 
 def test_fbwb_climbs_at_a_rate_and_keeps_height_and_speed() -> None:
     p = high(FBWB)
-    sticks(p, 14.0, pitch=1900, throttle=1300)
+    sticks(p, 14.0, pitch=2000, throttle=1300)
     assert float(p.v.velocity[2]) == pytest.approx(-2.0, abs=0.1)  # FBWB_CLIMB_RATE
     assert speed(p) == pytest.approx(18.0 + 17.0 * opened(1300), abs=0.4)  # AIRSPEED_MIN to AIRSPEED_MAX
     height = -p.place[2]
     sticks(p, 10.0, throttle=1300)
     assert -p.place[2] == pytest.approx(height, abs=1.5)
     sticks(p, 12.0, pitch=1315, throttle=1300)
-    assert float(p.v.velocity[2]) == pytest.approx(2.0 * 155.0 / 370.0, abs=0.1)
+    assert float(p.v.velocity[2]) == pytest.approx(2.0 * 155.0 / 470.0, abs=0.1)
 
 
 def test_cruise_holds_the_line_on_which_the_stick_was_centred() -> None:
     p = high(CRUISE)
     sticks(p, 4.0, roll=1600)
-    assert angles(p)[0] == pytest.approx(0.25 * 45.0, abs=1.5)
+    assert angles(p)[0] == pytest.approx(0.2 * 45.0, abs=1.5)
     sticks(p, 6.0)
     course = math.atan2(p.v.velocity[1], p.v.velocity[0])
     right = np.array([-math.sin(course), math.cos(course)])
@@ -200,7 +199,7 @@ def test_circle_banks_by_a_third_of_its_limit() -> None:
 def test_a_pilot_takes_off_by_hand() -> None:
     p = started("plane")
     assert p.ask(SET_MODE, 1, FBWB) == ACCEPTED
-    sticks(p, 2.0, throttle=1900)
+    sticks(p, 2.0, throttle=2000)
     assert p.v.on_ground and speed(p) < 0.1  # on the ground, it waits
     assert p.ask(SET_MODE, 1, FBWA) == ACCEPTED
     sticks(p, 12.0, pitch=1800, throttle=1450)
@@ -212,7 +211,7 @@ def test_manual_control_is_obeyed() -> None:
     p = high(MANUAL)
     p.send(mavlink.MAVLink_manual_control_message(1, 200, -400, 600, 100, 0))
     p.until(p.time + 0.1)
-    expected = [0.5 - 0.2, 0.5 - 0.1, opened(1100 + 480), 0.5 + 0.5 * 10.0 / 370.0]
+    expected = [0.5 - 0.2, 0.5 - 0.1, opened(1600), 0.5 + 0.5 * 20.0 / 470.0]
     assert p.m.motor[:4].tolist() == pytest.approx(expected, abs=2e-3)
 
 

@@ -16,7 +16,7 @@ from tests.models.autopilot.test_small_autopilots import SET_MODE
 from tests.models.pair import ACCEPTED, FAILED, Pair
 
 FBWA, CRUISE, QSTABILIZE, QHOVER, QLOITER, QLAND, QACRO, LOITER_ALT_QLAND = 5, 7, 17, 18, 19, 20, 23, 25
-FULL = 1900
+FULL = 2000
 
 
 @cache
@@ -46,7 +46,7 @@ def sticks(
 
 
 def share(pulse: int) -> float:
-    return math.copysign(max(abs(pulse - 1500) - 30.0, 0.0) / 370.0, pulse - 1500)
+    return math.copysign(max(abs(pulse - 1500) - 30.0, 0.0) / 470.0, pulse - 1500)
 
 
 def angles(p: Pair) -> tuple[float, float, float]:
@@ -98,7 +98,7 @@ def test_a_pilot_takes_off_and_lands_in_qloiter() -> None:
     assert -p.place[2] > 4.0
     sticks(p, 14.0, throttle=1300)
     assert -p.place[2] < 0.2 and abs(angles(p)[0]) < 2.0
-    sticks(p, 3.0, throttle=1100)
+    sticks(p, 3.0, throttle=1000)
     assert not p.m.motor[4:].any() and p.m.armed
 
 
@@ -109,16 +109,16 @@ def test_qstabilize_thrusts_as_the_throttle_says() -> None:
     assert abs(float(p.v.velocity[2])) < 0.5
     sticks(p, 0.2, throttle=FULL)
     assert float(p.v.velocity[2]) < -0.5
-    sticks(p, 0.2, throttle=1100)
+    sticks(p, 0.2, throttle=1000)
     assert not p.m.motor[4:].any()
 
 
 def test_qacro_asks_for_rates() -> None:
     p = aloft(QACRO)
-    sticks(p, 0.5, pitch=1535, throttle=1515)
+    sticks(p, 0.5, pitch=1560, throttle=1515)
     first = angles(p)[1]
-    sticks(p, 0.5, pitch=1535, throttle=1515)
-    rate = 180.0 * share(1535)  # Q_ACRO_PIT_RATE
+    sticks(p, 0.5, pitch=1560, throttle=1515)
+    rate = 180.0 * share(1560)  # Q_ACRO_PIT_RATE
     assert (angles(p)[1] - first) / 0.5 == pytest.approx(rate, rel=0.3)
 
 
@@ -131,11 +131,11 @@ def test_from_the_rotors_to_the_wing_in_fbwa_and_down_again() -> None:
     sticks(p, 14.0, throttle=1700)
     assert state(p) == mavlink.MAV_VTOL_STATE_FW
     assert not p.m.motor[4:].any()
-    assert p.m.motor[2] == pytest.approx((1700.0 - 1130.0) / 770.0)  # the pilot's
+    assert p.m.motor[2] == pytest.approx((1700.0 - 1030.0) / 970.0)  # the pilot's
     sticks(p, 4.0, roll=1700, throttle=1700)
-    assert angles(p)[0] == pytest.approx(22.5, abs=1.5)
+    assert angles(p)[0] == pytest.approx(18.0, abs=1.5)
     while not p.m.motor[4:].any():  # too slow for the wing: the rotors help
-        sticks(p, 0.5, pitch=1800, throttle=1100)
+        sticks(p, 0.5, pitch=1800, throttle=1000)
         assert p.time < 80.0
     assert p.ask(SET_MODE, 1, LOITER_ALT_QLAND) == ACCEPTED
     while p.m.mode == LOITER_ALT_QLAND:
@@ -147,6 +147,28 @@ def test_from_the_rotors_to_the_wing_in_fbwa_and_down_again() -> None:
         p.one_step()
         assert p.time < 350.0
     assert abs(p.place[2]) < 0.3
+
+
+@pytest.mark.parametrize("mode", [0, 3, 4])
+def test_without_assistance_the_rotors_stop(mode: int) -> None:
+    p = aloft(QHOVER)
+    assert p.ask(SET_MODE, 1, mode) == ACCEPTED
+    p.until(p.time + 0.1)
+    assert not p.m.motor[4:].any()
+
+
+def test_transitions_are_told() -> None:
+    p = aloft(QHOVER)
+    sticks(p, 6.0, throttle=FULL)
+    p.heard.clear()
+    assert p.ask(SET_MODE, 1, CRUISE) == ACCEPTED
+    sticks(p, 14.0)
+    told = [m.text for m in p.heard if m.get_type() == "STATUSTEXT"]
+    start, reached, done = told
+    assert start.startswith("Transition started airspeed ") and float(start.split()[-1]) < 1.0
+    assert reached.startswith("Transition airspeed reached ")
+    assert float(reached.split()[-1]) == pytest.approx(12.0, abs=0.2)  # AIRSPEED_MIN
+    assert done == "Transition done"
 
 
 def test_in_a_mode_of_the_rotors_it_lands_at_once() -> None:

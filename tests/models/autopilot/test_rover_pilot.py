@@ -27,8 +27,8 @@ def sticks(p: Pair, duration: float, steer: int = 1500, throttle: int = 1500, sy
 
 
 def share(pulse: int) -> float:
-    """Deflection of a stick with 1100, 1500 and 1900 us and a dead zone of 30 us."""
-    return math.copysign(max(abs(pulse - 1500) - 30.0, 0.0) / 370.0, pulse - 1500)
+    """Deflection of a stick with 1000, 1500 and 2000 us and a dead zone of 30 us."""
+    return math.copysign(max(abs(pulse - 1500) - 30.0, 0.0) / 470.0, pulse - 1500)
 
 
 def driving(mode: int, **more: Any) -> Pair:
@@ -55,7 +55,7 @@ def test_manual_passes_the_sticks_on_to_the_wheels() -> None:
     assert speed / rate == pytest.approx(radius, rel=1e-3)
     assert p.m.motor[1] == pytest.approx(0.5 + 0.5 * share(1580), abs=1e-9)
     before = float(p.m.motor[1])
-    sticks(p, 0.25, 1700, 1900)  # MOT_SLEWRATE: 100 % in a second
+    sticks(p, 0.25, 1700, 2000)  # MOT_SLEWRATE: 100 % in a second
     assert p.m.motor[1] - before == pytest.approx(0.125, abs=0.01)
     sticks(p, 8.0, 1700, 1400)
     assert turn(p)[0] < 0.0 and turn(p)[1] * turn(p)[0] < 0.0  # backwards, the wheels stand as the stick says
@@ -69,9 +69,9 @@ def test_acro_turns_at_the_rate_of_the_stick() -> None:
     speed, rate = turn(p)
     assert speed == pytest.approx(share(1570) * FASTEST, rel=0.02)
     assert rate == pytest.approx(math.radians(180.0) * share(1700), rel=0.02)
-    sticks(p, 10.0, 1900, 1570)
+    sticks(p, 10.0, 2000, 1590)
     assert turn(p)[1] == pytest.approx(math.radians(120.0), rel=0.03)  # ATC_STR_RAT_MAX
-    sticks(p, 15.0, 1900, 1750)
+    sticks(p, 15.0, 2000, 1750)
     speed, rate = turn(p)
     assert speed * rate == pytest.approx(0.6 * GRAVITY, rel=0.03)  # ATC_TURN_MAX_G
     sticks(p, 8.0, 1500, 1500)
@@ -86,8 +86,7 @@ def test_steering_asks_for_a_lateral_acceleration() -> None:
     assert speed / rate == pytest.approx(speed**2 / (share(1650) * 0.6 * GRAVITY), rel=0.02)
     p.m.ATC_TURN_MAX_G = 3.0  # then the turn of TURN_RADIUS is the limit
     p.m.TURN_RADIUS = 4.0
-    sticks(p, 6.0, 1650, 1530)
-    sticks(p, 10.0, 1650, 1550)
+    sticks(p, 14.0, 1650, 1575)
     speed, rate = turn(p)
     assert speed / rate == pytest.approx(4.0 / share(1650), rel=0.05)
 
@@ -109,12 +108,11 @@ def test_sticks_of_others_are_not_obeyed_and_manual_control_is() -> None:
     for target, throttle in ((2, 0.0), (1, 0.4)):
         p.send(mavlink.MAVLink_manual_control_message(target, 0, -500, 400, 0, 0))
         p.until(p.time + 1.0)
-        pulse = 1500.0 + 400.0 * throttle
+        pulse = 1500.0 + 500.0 * throttle
         assert p.m.motor[1] == pytest.approx(0.5 + 0.5 * share(int(pulse)), abs=1e-6)
-    pulse = 1900.0 - 400.0 * 400.0 / 1000.0 - 400.0
     assert p.ask(REQUEST, mavlink.MAVLINK_MSG_ID_RC_CHANNELS) == ACCEPTED
     channels = p.last("RC_CHANNELS")
-    assert (channels.chan1_raw, channels.chan2_raw, channels.chan3_raw) == (1300, 1500, 1660)
+    assert (channels.chan1_raw, channels.chan2_raw, channels.chan3_raw) == (1250, 1500, 1700)
     p.send(mavlink.MAVLink_manual_control_message(1, 0, 32767, 32767, 0, 0))  # releases both
     p.one_step()
     assert p.ask(REQUEST, mavlink.MAVLINK_MSG_ID_RC_CHANNELS) == ACCEPTED

@@ -4,9 +4,9 @@ RC_CHANNELS_OVERRIDE and MANUAL_CONTROL from the ground station (SYSID_MYGCS) se
 without an override have the pulses of ArduPilot's simulated receiver: centred sticks, a rover's throttle centred, that
 of a plane closed. (In QHOVER and QLOITER it is centred in the air, where ArduPlane's would make the vehicle sink.)
 
-Channels are those of the default RCMAP_*: 1 roll or steering, 2 pitch, 3 throttle, 4 yaw; 1100 to 1900 us with a dead
-zone of 30 us, as RC1_MIN, RC1_MAX and RC1_DZ are by default. Kernels over a record that has `STICK_MEMORY` and, for
-`hear_sticks`, `STICK_PARAMETERS`.
+Channels are those of the default RCMAP_*: 1 roll or steering, 2 pitch, 3 throttle, 4 yaw; 1000 to 2000 us, as RC1_MIN
+and RC1_MAX are in ArduPilot's parameters for its simulator, with a dead zone of 30 us. Kernels over a record that has
+`STICK_MEMORY` and, for `hear_sticks`, `STICK_PARAMETERS`.
 
 Sources: ArduPilot, RC_Channel, GCS_Common (manual_override), GCS_MAVLink of Rover and Plane, AP_RCProtocol_UDP.
 """
@@ -46,7 +46,7 @@ __all__ = [
 ROLL, PITCH, THROTTLE, YAW = (cast(int, np.int64(i)) for i in range(4))
 """Channels, from 0. A rover is steered by the first."""
 _CHANNELS = 8
-_LOW, _CENTRE, _HIGH, _DEAD = 1100.0, 1500.0, 1900.0, 30.0  # us
+_LOW, _CENTRE, _HIGH, _DEAD = 1000.0, 1500.0, 2000.0, 30.0  # us
 _CLOSED = 1000  # us, of a plane's throttle without an override
 _SWITCHES = np.array([1800, 1000, 1000, 1800], np.int64)  # us, channels 5 to 8
 _IGNORED, _NO_VALUE = 65535, 32767

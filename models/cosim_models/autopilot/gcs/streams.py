@@ -19,6 +19,7 @@ from cosim.messages import (
     ATTITUDE,
     ATTITUDE_QUATERNION,
     AUTOPILOT_VERSION,
+    BATTERY_STATUS,
     EKF_STATUS_REPORT,
     EXTENDED_SYS_STATE,
     GLOBAL_POSITION_INT,
@@ -166,8 +167,8 @@ def _send_state(m: Any, row: int, t: float) -> bool:
         put_mission_current(m)
     elif message == SERVO_OUTPUT_RAW:
         _put_servos(m, surface, t)
-    elif message == TERRAIN_REPORT and surface:  # a rover needs no terrain
-        return True
+    elif (message == TERRAIN_REPORT and surface) or (message == BATTERY_STATUS and m.lifts):
+        return True  # a rover needs no terrain, and ArduPilot's simulated quadplane has no battery monitor
     elif not put_sensed(m, message, t):
         encode_system_time(m.payload, 0, int(1e3 * t + 0.5))
     return send(m, message)

@@ -21,6 +21,7 @@ __all__ = [
     "COMPASS_ARMED",
     "DESTINATION",
     "DISARMED",
+    "FAST_ENOUGH",
     "FENCE_FETCH_BAD",
     "FENCE_FETCH_OLD",
     "GROUNDSPEED",
@@ -40,6 +41,7 @@ __all__ = [
     "NO_MODE",
     "NO_Q_MODES",
     "NO_VTOL",
+    "ON_WING",
     "PLANE",
     "RALLY_FETCH_BAD",
     "RALLY_FETCH_OLD",
@@ -47,6 +49,7 @@ __all__ = [
     "RESET",
     "ROVER",
     "TAKEOFF_GUIDED",
+    "TO_WING",
     "TRACK_FULL",
     "TRANSITION_AUTO",
     "UNKNOWN_FRAME",
@@ -92,6 +95,9 @@ _WORDS = (
     "VTOL transition only in AUTO",
     "SmartRTL deactivated: buffer full",
     "Dock: target not acquired",
+    "Transition started airspeed #",
+    "Transition airspeed reached #",
+    "Transition done",
 )
 (
     ARMED,
@@ -131,18 +137,24 @@ _WORDS = (
     TRANSITION_AUTO,
     TRACK_FULL,
     NO_DOCK,
+    TO_WING,
+    FAST_ENOUGH,
+    ON_WING,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
 _SIZE = 50
 _TEXT = np.zeros((len(_WORDS), _SIZE), np.uint8)
 for _row, _words in enumerate(_WORDS):
     _TEXT[_row, : len(_words)] = np.frombuffer(_words.encode(), np.uint8)
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
-_PERCENT = 37  # "%"
+_PERCENT, _TENTHS, _POINT = 37, 35, 46  # "%", "#", "."
 
 
 @kernel
 def say(m: Any, severity: int, text: int, number: int) -> None:
-    """Sends a STATUSTEXT, with `number`, 0 or more, in the place of its "%". If there is no room, it is left out."""
+    """Sends a STATUSTEXT, with `number`, 0 or more, in the place of its "%", and a tenth of it in that of its "#".
+
+    If there is no room, it is left out.
+    """
     encode_statustext(m.payload, severity, 0, 0)
     at = 0
     for i in range(_SIZE):
@@ -151,15 +163,18 @@ def say(m: Any, severity: int, text: int, number: int) -> None:
         byte = int(_TEXT[text, i])
         if byte == 0:
             break
-        if byte != _PERCENT:
+        if byte != _PERCENT and (byte != _TENTHS or i == 0 or _TEXT[text, i + 1] != 0):
             put_statustext_text(m.payload, at, byte)
             at += 1
             continue
-        unit = 1
+        unit = 10 if byte == _TENTHS else 1
         while unit * 10 <= number:
             unit *= 10
         while unit > 0:
             put_statustext_text(m.payload, at, 48 + number // unit % 10)
             at += 1
+            if byte == _TENTHS and unit == 10:
+                put_statustext_text(m.payload, at, _POINT)
+                at += 1
             unit //= 10
     send(m, _STATUSTEXT)

@@ -121,7 +121,9 @@ def _keep(m: Any, wanted: float, rate: float, h: float) -> None:
     throttle_for(m, wanted, speed, h)
     most = min(math.radians(m.ATC_STR_RAT_MAX), turn_limit(m, speed))
     rate = clip(rate, -most, most)
-    if abs(speed) > _SLOW and 0.0 < m.motor[0] < 1.0:
+    if abs(speed) <= _SLOW:
+        m.rate_trim = 0.0
+    elif 0.0 < m.motor[0] < 1.0:
         m.rate_trim = clip(m.rate_trim + _RATE_I * (rate - m.angular_velocity[2]) * h, -0.5, 0.5)
     steer(m, rate + m.rate_trim, speed)
     m.desired_velocity[0] = m.demand * math.cos(yaw)

@@ -60,7 +60,7 @@ TRACK_MEMORY = (
 def begin_track(m: Any, t: float) -> None:
     """Begins a path at the present place."""
     m.crumb_count, m.crumbs_simple, m.crumbs_checked = 0, 0, 0
-    m.crumb_stored, m.crumb_next = t, t + _PERIOD
+    m.crumb_stored, m.crumb_next = t, t + _PERIOD - 1e-9
     m.crumbs_on = m.SRTL_POINTS > 0 and m.SRTL_ACCURACY > 0.0
     if m.crumbs_on:
         keep_point(m, m.position[0], m.position[1], -m.position[2])
@@ -68,10 +68,8 @@ def begin_track(m: Any, t: float) -> None:
 
 @kernel
 def record_track(m: Any, t: float) -> None:
-    """Records the path; required in every step in which it is armed and not on its way back."""
-    if t < m.crumb_next - 1e-9:
-        return
-    m.crumb_next = t + _PERIOD
+    """Records the path; required from `crumb_next` on, while it is armed and not on its way back."""
+    m.crumb_next = t + _PERIOD - 1e-9
     if not m.crumbs_on:
         return
     if keep_point(m, m.position[0], m.position[1], -m.position[2]):

@@ -15,7 +15,9 @@ from typing import Any
 
 from cosim import Memory
 from cosim.kernel import kernel
+from cosim.messages import MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import real
+from cosim_models.autopilot.gcs.words import FAST_ENOUGH, ON_WING, TO_WING, say
 from cosim_models.autopilot.wing.flight import bank_for, circle, clip, cruise_speed, fly, servos
 from cosim_models.autopilot.wing.hover import hover, lift_off, no_lift
 
@@ -51,6 +53,8 @@ TRANSITION_MEMORY = (
     Memory("vtol", dtype="?"),  # the rotors carry it
     Memory("seen", shape=2),  # m: the last target, north and east
     Memory("fast_since"),  # s: since when the wing takes over; -1: not yet
+    Memory("told_wing", dtype="?"),  # that the transition to the wing began, and that it is done
+    Memory("told_done", dtype="?"),
     Memory("lift_before"),  # mean thrust of the rotors by then
 )
 
@@ -79,6 +83,10 @@ def on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float)
     if m.vtol or (m.fast_since >= 0.0 and speed < _TOO_SLOW * m.AIRSPEED_MIN):
         m.vtol = False
         m.fast_since = -1.0
+        m.told_wing = False
+    if not m.told_wing:
+        m.told_wing = True
+        say(m, MAV_SEVERITY_INFO, TO_WING, int(10.0 * speed + 0.5))
     gentle = clip(bank, -_GENTLE, _GENTLE) if speed > _FLYING_SPEED else 0.0
     turn = _GRAVITY * math.tan(gentle) / max(speed, m.AIRSPEED_MIN)
     if m.fast_since < 0.0:
@@ -87,11 +95,16 @@ def on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float)
         if speed >= m.AIRSPEED_MIN:
             m.fast_since, m.lift_before = t, m.lift
             m.speed_before, m.acceleration, m.throttle_trim = speed, 0.0, 0.0
+            say(m, MAV_SEVERITY_INFO, FAST_ENOUGH, int(10.0 * speed + 0.5))
+            m.told_done = False
         return
     left = 1.0 - 1000.0 * (t - m.fast_since) / m.Q_TRANSITION_MS
     if left <= 0.0:
         fly(m, bank, down, wanted, h)
         no_lift(m)
+        if not m.told_done:
+            m.told_done = True
+            say(m, MAV_SEVERITY_INFO, ON_WING, 0)
         return
     fly(m, gentle, down, wanted, h)
     m.lift = left * m.lift_before
@@ -107,6 +120,7 @@ def travel(m: Any, n: float, e: float, d: float, t: float, h: float) -> bool:
         if m.vtol and distance > m.WP_LOITER_RAD:
             m.vtol = False
             m.fast_since = -1.0
+            m.told_wing = False
     if not m.vtol and distance < 0.5 * speed * speed / m.Q_TRANS_DECEL:
         m.vtol = True
         m.lift_trim = 0.0
