@@ -204,13 +204,16 @@ def test_feed_forward_may_exceed_the_limit_unless_the_total_is_limited() -> None
 
 @pytest.mark.parametrize("distance", [5, 8, 10, 20])
 def test_the_desired_path_is_the_recorded_one(distance: int) -> None:
-    """ArduCopter logged its shaped path at 10 Hz; the flights began at rest up to 2 mm/s."""
+    """ArduCopter logged its shaped path at 10 Hz, and the command up to 10 ms late; it began at rest up to 2 mm/s."""
     first_line, real = recording(f"json_north_{distance}m")
     line = Line(real["des_n"][0]).go(first_line["target"][0], 9.0)
     time = np.arange(len(line)) * H
-    ours = np.interp(real["t"], time, line[:, 0])
-    assert np.abs(ours - real["des_n"])[real["t"] < 9.0].max() < 0.02
-    assert line[:, 1].max() == pytest.approx(real["des_vn"].max(), abs=0.02)
+    flown = real["t"] < 8.9
+    late = np.arange(5) * H
+    apart = [np.abs(np.interp(real["t"] - x, time, line[:, 0]) - real["des_n"])[flown].max() for x in late]
+    assert min(apart) < 0.01
+    fastest = ((real["des_n"][5:] - real["des_n"][:-5]) / (real["t"][5:] - real["t"][:-5])).max()
+    assert line[:, 1].max() == pytest.approx(fastest, abs=0.03)
 
 
 @settings(deadline=None)
