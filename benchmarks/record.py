@@ -184,8 +184,8 @@ def flown(
     return np.column_stack([time - begin, motion, yaw, *desired, *erred])
 
 
-def record(folder: Path, name: str, body: str, head: dict[str, Any]) -> Path:
-    """Flies one command and writes its file; returns it."""
+def record(folder: Path, name: str, body: str, head: dict[str, Any], later: float = 0.0) -> Path:
+    """Flies one command, `later` seconds after it could, and writes its file; returns it."""
     place = folder / f"{body}_{name}"
     given = head.get("parameters", {})
     model, values = BODIES[body]
@@ -196,7 +196,7 @@ def record(folder: Path, name: str, body: str, head: dict[str, Any]) -> Path:
     )
     duration = float(head.get("duration", DURATION))
     try:
-        copter.run(READY)
+        copter.run(READY + later)
         if on_the_ground(head) and "mission" in head:
             upload(copter, head["mission"])
         arm(copter)
@@ -228,10 +228,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("flights", nargs="*", type=parse)
     parser.add_argument("--body", choices=BODIES, default="json")
     parser.add_argument("--list", type=Path)
+    parser.add_argument("--later", type=float, default=0.0, help="s, for another recording of the same flights")
     options = parser.parse_intermixed_args(arguments)
     flights = dict(options.flights) if options.list is None else json.loads(options.list.read_text())
     for name, head in flights.items():
-        print(record(options.folder, name, options.body, head))
+        print(record(options.folder, name, options.body, head, options.later))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,66 @@
+"""How far the real ArduCopter repeats itself: the figures of flights that were recorded several times.
+
+Takes folders in which `benchmarks.record` has recorded flights of tests/data/arducopter again, at another time after
+the start (`--later`), and writes for each flight the figures of all its recordings and the distance between each two
+of them to `REPEATS`, which `benchmarks.fidelity` reads.
+
+    python -m benchmarks.repeats FOLDER [FOLDER ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.fidelity import REPEATS, figures_of, path_of, rms_of
+from benchmarks.flights import Flight, read
+from tests.models.copter import RECORDINGS
+
+
+def spread(recordings: Sequence[Flight]) -> dict[str, Any]:
+    """The figures of all recordings of a flight, and the rms of the distance between each two [m]."""
+    found = [figures_of(flight) for flight in recordings]
+    rms = []
+    for one, other in combinations(recordings, 2):
+        last = min(one.real["t"][-1], other.real["t"][-1])
+        time = one.real["t"][one.real["t"] <= last]
+        rms.append(rms_of(time, (one.real["t"], path_of(one)), (other.real["t"], path_of(other)))[0])
+    figures = {
+        name: [None if math.isnan(figures[name]) else round(figures[name], 3) for figures in found] for name in found[0]
+    }
+    return {"rms": [round(value, 3) for value in rms], "figures": figures}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=str(__doc__).split("\n", 1)[0])
+    parser.add_argument("folders", nargs="+", type=Path)
+    parser.add_argument("--out", type=Path, default=REPEATS)
+    options = parser.parse_args(arguments)
+    table = {}
+    for path in sorted(RECORDINGS.glob("*.csv.gz")):
+        again = [read(folder / path.name) for folder in options.folders if (folder / path.name).exists()]
+        flights = [read(path), *(flight for flight in again if _is_another(flight, read(path)))]
+        if len(flights) > 1:
+            table[read(path).name] = spread(flights)
+    lines = ",\n".join(f" {json.dumps(name)}: {json.dumps(found)}" for name, found in table.items())
+    options.out.write_text(f"{{\n{lines}\n}}\n")
+    for name, found in table.items():
+        count = len(next(iter(found["figures"].values())))
+        print(f"{name:30} {count} recordings, {max(found['rms']):.3f} m rms at most between two")
+
+
+def _is_another(flight: Flight, first: Flight) -> bool:
+    """Returns whether a recording is not the first one itself."""
+    size = min(len(flight.real["n"]), len(first.real["n"]))
+    return not np.array_equal(flight.real["n"][:size], first.real["n"][:size])
+
+
+if __name__ == "__main__":
+    main()
