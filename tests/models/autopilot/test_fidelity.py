@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import math
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from benchmarks import fidelity, ladder, record
+from benchmarks import fidelity, ladder, record, repeats
 from benchmarks.fidelity import compare, fly
 from benchmarks.flights import kind_of, read
 from benchmarks.record import parse
@@ -335,8 +336,9 @@ def test_every_command_of_a_recorded_flight_is_flown(
     found = compare(flight, fly(flight, {}))
     assert found["rms"][1] < 0.03
     fidelity.main([str(path)])
-    *table, last = capsys.readouterr().out.splitlines()
+    *table, again, last = capsys.readouterr().out.splitlines()
     count = len(table) - 2  # without heading and "farthest"
+    assert again == f"within what ArduCopter repeats: {count} of {count} rows, rms of 1 flights"
     assert last == f"{count} of {count} rows ok; rms of 1 of 1 flights ok"
     rows = rows.copy()
     rows[:, 1:4] = rows[0, 1:4] + 1.2 * (rows[:, 1:4] - rows[0, 1:4])
@@ -357,6 +359,103 @@ def test_verdicts() -> None:
     ):
         assert fidelity.verdict(flight, "t50", theirs, mine) == expected
     assert fidelity.verdict(flight, "farthest", 0.0, 9.0) == ""
+
+
+def test_what_arducopter_repeats() -> None:
+    spread = {"rms": [0.2, 0.35, 0.1], "figures": {"t50": [10.0, 11.0, 10.4], "at rest": [None, 5.0], "t90": [None]}}
+    for name, mine, expected in (
+        ("t50", 9.6, True),  # 5 % below the least
+        ("t50", 9.4, False),
+        ("t50", 11.5, True),
+        ("t50", 11.6, False),
+        ("t50", math.nan, False),
+        ("at rest", math.nan, True),
+        ("at rest", 5.2, True),
+        ("t90", 5.2, False),
+        ("rms", 0.35, True),
+        ("rms", 0.36, False),
+        ("farthest", 0.1, False),
+    ):
+        assert fidelity.repeats(name, mine, spread) is expected, (name, mine)
+    assert not fidelity.repeats("rms", 0.01, None)
+
+
+def test_how_far_recordings_are_from_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two that move at 1.0 and 1.1 m/s, from elsewhere: half of a gap that grows to 1 m has an rms of 1/sqrt(3) m."""
+    time = np.arange(0.0, 10.01, 0.04)
+    zeros = np.zeros_like(time)
+    for i, speed in enumerate((1.0, 1.1)):
+        table = np.column_stack([time, 5.0 * i + speed * time, zeros, zeros, zeros + speed, *[zeros] * 15])
+        record.write(tmp_path / f"json_{i}.csv.gz", {"mode": 17}, table)
+    flights = [read(tmp_path / f"json_{i}.csv.gz") for i in range(2)]
+    found = repeats.spread([*flights, flights[0]])
+    assert found["rms"] == pytest.approx([3.0**-0.5, 0.0, 3.0**-0.5], abs=2e-3)
+    assert found["figures"]["vmax"] == [1.0, 1.1, 1.0]
+    assert found["figures"]["farthest away"] == [10.0, 11.0, 10.0]
+
+
+def test_recordings_of_the_same_flights_are_gathered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder that holds the project's own recording adds none; one that was flown otherwise does."""
+    first = RECORDINGS / "x_up_3m.csv.gz"
+    lines = gzip.decompress(first.read_bytes()).decode().splitlines()
+    for name, shift in (("same", 0.0), ("other", 0.02)):
+        rows = np.array([[float(x) for x in line.split(",")] for line in lines[2:]])
+        rows[:, 1] += shift * np.clip(rows[:, 0], 0.0, 1.0)
+        (tmp_path / name).mkdir()
+        record.write(tmp_path / name / first.name, json.loads(lines[0][2:]), rows)
+    out = tmp_path / "repeats.json"
+    repeats.main([str(tmp_path / "same"), str(tmp_path / "other"), "--out", str(out)])
+    written = json.loads(out.read_text())
+    assert list(written) == ["x_up_3m"]
+    assert written["x_up_3m"]["rms"] == [pytest.approx(0.02, abs=2e-3)]
+    assert len(written["x_up_3m"]["figures"]["t50"]) == 2
+    assert "x_up_3m" in capsys.readouterr().out
+
+
+def test_a_flight_that_arducopter_does_not_repeat_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A flight of ours, a fifth longer: it differs, unless ArduCopter is known to differ from itself by as much."""
+    head, rows = flown("attitude")
+    rows[:, 1:4] = rows[0, 1:4] + 1.2 * (rows[:, 1:4] - rows[0, 1:4])
+    path = recorded(tmp_path / "json_longer.csv", head, rows)
+    fidelity.main([str(path)])
+    *_, again, last = capsys.readouterr().out.splitlines()
+    count = int(last.split(" of ")[1].split()[0])
+    strict = int(last.split()[0])
+    assert strict < count
+    assert last == f"{strict} of {count} rows ok; rms of 0 of 1 flights ok"
+    assert again == f"within what ArduCopter repeats: {strict} of {count} rows, rms of 0 flights"
+    figures = {name: [value, 0.7 * value] for name, value in fidelity.figures_of(read(path)).items()}
+    (tmp_path / "known.json").write_text(json.dumps({"json_longer": {"rms": [9.0], "figures": figures}}))
+    monkeypatch.setattr(fidelity, "REPEATS", tmp_path / "known.json")
+    fidelity.main([str(path)])
+    *table, again, last = capsys.readouterr().out.splitlines()
+    assert last == f"{strict} of {count} rows ok; rms of 0 of 1 flights ok"
+    assert again == f"within what ArduCopter repeats: {count} of {count} rows, rms of 1 flights"
+    assert sum(line.endswith(" repeats") for line in table) == count - strict
+
+
+def test_what_is_known_of_repetitions() -> None:
+    """Those out of bounds were recorded five times; ArduCopter's RTL at 8 m/s differs from itself by more than 1 m."""
+    known = json.loads(fidelity.REPEATS.read_text())
+    for name, found in known.items():
+        flight = read(RECORDINGS / f"{name}.csv.gz")
+        first = fidelity.figures_of(flight)
+        assert set(found["figures"]) == set(first)
+        for figure, values in found["figures"].items():
+            assert values[0] == (None if math.isnan(first[figure]) else pytest.approx(first[figure], abs=1e-3)), figure
+            assert len(found["rms"]) == len(values) * (len(values) - 1) // 2
+    for name in (
+        "x_rtl_8mps",
+        "json_rtl_8mps",
+        "x_fence_rtl",
+        "json_mission_square",
+        "json_mission_in_the_air",
+        "json_rtl",
+    ):
+        assert len(known[name]["figures"]["s50"]) >= 5
+    assert max(known["x_rtl_8mps"]["rms"]) == pytest.approx(1.164, abs=0.001)
 
 
 @pytest.mark.parametrize("head", [{"type": 9}, {"type": 4}, {"type": 6, "vel": [1, 0, 0]}])
