@@ -215,12 +215,14 @@ def explain(
     from cosim_master.system.flatten.check import check as check_system
     from cosim_master.system.reading.read import read_system
     from cosim_master.system.reading.single_fmu import full_names
+    from cosim_master.system.settings.network import network_of
+    from cosim_master.system.settings.receivers import with_jamming
 
     with errors(as_json=as_json), activity() as doing, read_system(system, variant) as structure:
         doing.stage(f"checking {system}")
-        lines = explained(
-            check_system(structure, full_names(structure, overrides(settings))), *full_names(structure, {name: name})
-        )
+        checked = check_system(structure, full_names(structure, overrides(settings)))
+        checked = with_jamming(checked, network_of(checked))
+        lines = explained(checked, *full_names(structure, {name: name}))
         doing.end()
         if as_json:
             print_json({"variable": name, "explanation": [line.strip() for line in lines]})

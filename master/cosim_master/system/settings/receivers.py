@@ -11,11 +11,13 @@ from typing import Any
 from cosim.verdict import Role
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
 from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
+from cosim_master.system.flatten.parameters import Assignment
 from cosim_master.system.settings.network import Network
 
 __all__ = ["with_jamming"]
 
 _NEVER = 1e9  # s
+_ELEMENT = '<jamming gps="true">'
 
 
 def with_jamming(checked: CheckedSystem, network: Network) -> CheckedSystem:
@@ -39,20 +41,21 @@ def with_jamming(checked: CheckedSystem, network: Network) -> CheckedSystem:
     if len(areas) > 1:
         text = f'{len(areas)} elements <jamming> have gps="true", and a receiver knows one area; keep it at one'
         problems.append(Problem(where, text))
-    instances = []
+    instances, assignments = [], dict(checked.assignments)
     for one in checked.instances:
         given = _given(one, values)
         for name in given:
             if (one.name, name) in checked.assignments:
-                text = f'{one.name}.{name} is set by <jamming gps="true"> and by the system itself; keep one of them'
+                text = f"{one.name}.{name} is set by {_ELEMENT} and by the system itself; keep one of them"
                 problems.append(Problem(where, text))
+            assignments[one.name, name] = (Assignment(where, "", name, f"{given[name]:g} of {_ELEMENT}", given[name]),)
         instances.append(replace(one, start_values={**one.start_values, **given}) if given else one)
     if not any(_given(one, values) for one in checked.instances):
-        text = '<jamming gps="true">: no FMU has satellite navigation that can be jammed; leave gps out'
+        text = f"{_ELEMENT}: no FMU has satellite navigation that can be jammed; leave gps out"
         problems.append(Problem(where, text))
     if problems:
         raise SystemDescriptionError(problems)
-    return replace(checked, instances=tuple(instances))
+    return replace(checked, instances=tuple(instances), assignments=assignments)
 
 
 def _given(one: ComponentInstance, values: dict[Role, float]) -> dict[str, Any]:

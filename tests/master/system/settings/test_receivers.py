@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from cosim_master.cli.views.explanation import explain
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.preparation.prepare import Prepared, prepare
 from cosim_master.system.flatten.check import check
@@ -59,6 +60,9 @@ def test_one_element_jams_radio_and_gps(prepared: Any) -> None:
     ready = prepared('<jamming north="5" east="-7" radius="20" start="3" stop="9" gps="true"/><jamming radius="1"/>')
     for drone in ("drone1", "drone2"):
         assert values(ready, f"{drone}.gps") == [20.0, 5.0, -7.0, 3.0, 9.0]
+    (made,) = ready.checked.assignments["drone2.gps", "e"]
+    assert (made.value, made.text) == (-7.0, '-7 of <jamming gps="true">')
+    assert any("start value 20.0 m, set by" in line for line in explain(ready.checked, "drone1.gps.r"))
     both = [(one.north, one.east, one.radius, one.start, one.stop) for one in ready.network.jamming]
     assert both[0] == (5.0, -7.0, 20.0, 3.0, 9.0)
     plain = prepared('<jamming north="5" east="-7" radius="20" start="3" stop="9"/><jamming radius="1"/>')
