@@ -1,15 +1,15 @@
 """The plane autopilot FMU: ArduPlane's modes and MAVLink behaviour for fixed wings.
 
-A fixed wing cannot stop: to hold a place is to circle it, with WP_LOITER_RAD. GUIDED circles its target, LOITER the
-place where the mode was entered, RTL home; AUTO flies missions; TAKEOFF climbs straight ahead to TKOFF_ALT and then
-circles. A pilot flies MANUAL, STABILIZE, TRAINING, ACRO, FBWA, FBWB and CRUISE (`wing.piloted`), by
+A fixed wing cannot stop: to hold a place is to circle it, with WP_LOITER_RAD. GUIDED circles its target, LOITER and
+AVOID_ADSB the place where the mode was entered, RTL home; AUTO flies missions; TAKEOFF climbs straight ahead to
+TKOFF_ALT and then circles. A pilot flies MANUAL, STABILIZE, TRAINING, ACRO, FBWA, FBWB and CRUISE (`wing.piloted`), by
 RC_CHANNELS_OVERRIDE and MANUAL_CONTROL; without them, the sticks are centred and the throttle is closed. Positions come
 by DO_REPOSITION and MISSION_ITEM with current 2. As in ArduPlane, the message SET_POSITION_TARGET_GLOBAL_INT changes
 the height alone, the take-off command is FAILED (it is for VTOL), and landing is UNSUPPORTED.
 
-Differences from ArduPlane: these loops instead of TECS and L1, no airspeed sensor and no estimate of the wind (airspeed
-is taken as the speed over ground), no landing, no AUTOTUNE, no fail-safes, no fences. Speeds and the radius of circles
-are made for the Aerosonde.
+Differences from ArduPlane: these loops instead of TECS and L1, no airspeed sensor (airspeed is taken as the speed over
+ground; the wind is estimated for the message WIND alone), no landing, no AUTOTUNE, no fail-safes, no fences. Speeds and
+the radius of circles are made for the Aerosonde.
 
 The control of bank, height, speed and course is in `wing.flight`. Sources of the modes and answers: ArduPilot,
 ArduPlane/mode*.cpp and ArduPlane/GCS_MAVLink_Plane.cpp.
@@ -76,6 +76,7 @@ from cosim_models.autopilot.wing.piloted import (
     circling_bank,
     demand,
 )
+from cosim_models.autopilot.wing.wind import WIND_MEMORY, estimate_wind
 
 __all__ = ["PlaneAutopilot"]
 
@@ -95,13 +96,15 @@ class PlaneMode(IntEnum):
     RTL = 11
     LOITER = 12
     TAKEOFF = 13
+    AVOID_ADSB = 14
     GUIDED = 15
 
 
 _MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _FBWA, _FBWB, _CRUISE = map(int, list(PlaneMode)[:8])
-_AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED = map(int, list(PlaneMode)[8:])
+_AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED = map(int, list(PlaneMode)[8:])
 _BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA)
 _KNOWN = tuple(map(int, PlaneMode))
+_ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 1.0, 5.0  # m above home and m/s: beyond them it is in the air
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
 _FLOWN = (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_NAV_TAKEOFF)
@@ -111,13 +114,20 @@ VARIABLES = pilot_variables(
     (Airframe.plane,),
     PlaneMode.MANUAL,
     (*wing_parameters(), *PILOT_PARAMETERS, *STICK_PARAMETERS),
-    (*MISSION, *WING_MEMORY, *PILOT_MEMORY),
+    (*MISSION, *WING_MEMORY, *PILOT_MEMORY, *WIND_MEMORY),
 )
 _hear_parameter, _continue_list = parameter_protocol(VARIABLES)
 _hear_mission = mission_protocol(_FLOWN)
 
 
 # ---- modes and commands --------------------------------------------------------------------------------------------
+
+
+@kernel
+def _is_there(m: Any) -> bool:
+    """Returns whether it is on the circle around its target."""
+    dn, de = m.guided_position[0] - m.position[0], m.guided_position[1] - m.position[1]
+    return not m.on_ground and math.sqrt(dn * dn + de * de) < _ON_CIRCLE * m.WP_LOITER_RAD
 
 
 @kernel
@@ -135,6 +145,8 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
         if m.mission_count <= 1:
             say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
             mode = _RTL
+    if mode == _AVOID_ADSB and m.mode == _GUIDED and _is_there(m):
+        tell_reached(m, 0)
     m.mode = mode
     m.autonomous = mode not in _BY_HAND and mode != _FBWB and mode != _CRUISE
     m.mission_active = mode == _AUTO
@@ -240,8 +252,8 @@ def _pilot(m: Any, t: float, h: float) -> None:
     elif m.mode == _CIRCLE:
         fly(m, circling_bank(m), m.guided_position[2], cruise_speed(m), h)
     else:
-        bank, wanted = demand(m, t, h)
-        fly(m, bank, m.guided_position[2], wanted, h)
+        bank, down, wanted = demand(m, t, h)
+        fly(m, bank, down, wanted, h)
 
 
 @kernel
@@ -295,6 +307,8 @@ def advance(m: Any, t: float, h: float) -> int:
     speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
     m.on_ground = m.ground_down - m.position[2] < _FLYING_HEIGHT and speed < _FLYING_SPEED
     if m.armed:
+        if t >= m.wind_next and not m.on_ground:
+            estimate_wind(m, t)
         _act(m, t, h)
     for i in range(3):
         m.target[i] = m.guided_position[i]

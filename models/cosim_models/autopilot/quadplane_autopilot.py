@@ -94,6 +94,7 @@ from cosim_models.autopilot.wing.transition import (
     travel,
     vtol_state,
 )
+from cosim_models.autopilot.wing.wind import WIND_MEMORY, estimate_wind
 
 __all__ = ["QuadplaneAutopilot"]
 
@@ -176,6 +177,7 @@ VARIABLES = pilot_variables(
         *HOVER_MEMORY,
         *LIFT_MEMORY,
         *TRANSITION_MEMORY,
+        *WIND_MEMORY,
         Memory("vtol_mode", dtype="?"),  # of waypoints, by DO_VTOL_TRANSITION
         Memory("still_since"),  # s: since when a descent does not move it; -1: it does
         Memory("descending", dtype="?"),
@@ -383,11 +385,11 @@ def _guide(m: Any, t: float, h: float) -> None:
 @kernel
 def _pilot(m: Any, t: float, h: float) -> None:
     """Flies as a pilot says on the wing, or gets there with the autopilot's throttle."""
-    bank, wanted = 0.0, cruise_speed(m)
+    bank, down, wanted = 0.0, m.guided_position[2], cruise_speed(m)
     if m.mode == _CIRCLE:
         bank = circling_bank(m)
     elif m.mode == _FBWB or m.mode == _CRUISE:
-        bank, wanted = demand(m, t, h)
+        bank, down, wanted = demand(m, t, h)
     elif m.mode in _UNASSISTED or m.on_ground or on_wing_alone(m, t):
         if m.on_ground:
             m.vtol, m.fast_since = False, 0.0
@@ -396,7 +398,7 @@ def _pilot(m: Any, t: float, h: float) -> None:
         return
     elif m.mode == _FBWA:
         bank = roll_stick(m, t)
-    on_wing(m, bank, m.guided_position[2], wanted, t, h)
+    on_wing(m, bank, down, wanted, t, h)
 
 
 @kernel
@@ -477,6 +479,8 @@ def advance(m: Any, t: float, h: float) -> int:
     if not m.armed or (m.on_ground and not launches and not lifts_off(m, t)):
         _rest(m)
     else:
+        if t >= m.wind_next and not m.vtol:
+            estimate_wind(m, t)
         _act(m, t, h)
     if not m.armed:
         _rest(m)

@@ -225,3 +225,29 @@ def test_modes_that_it_does_not_have_are_refused(mode: int, text: str) -> None:
     assert text in [m.text for m in p.heard if m.get_type() == "STATUSTEXT"]
     assert p.m.mode == FBWA
     assert p.last("HEARTBEAT").base_mode & 64  # flown by the sticks
+
+
+def test_turns_tell_the_wind() -> None:
+    p = high(12)
+    p.v["wind"][:] = -3.0, 2.0, 0.0
+    p.until(p.time + 75.0)
+    assert p.ask(512, mavlink.MAVLINK_MSG_ID_WIND) == ACCEPTED
+    wind = p.last("WIND")
+    assert wind.speed == pytest.approx(math.hypot(3.0, 2.0), abs=0.6)
+    assert wind.direction == pytest.approx(math.degrees(math.atan2(-2.0, 3.0)), abs=10.0)  # where it comes from
+
+
+def test_without_a_turn_no_wind_is_known() -> None:
+    p = started("plane")
+    assert p.ask(512, mavlink.MAVLINK_MSG_ID_WIND) == ACCEPTED
+    assert (p.last("WIND").speed, p.last("WIND").speed_z) == (0.0, 0.0)
+
+
+def test_avoid_adsb_circles_where_it_is() -> None:
+    p = high(15)
+    p.until(p.time + 20.0)
+    assert p.ask(SET_MODE, 1, 14) == ACCEPTED
+    assert p.last("MISSION_ITEM_REACHED").seq == 0  # it was on its circle
+    place = p.place[:2]
+    p.until(p.time + 40.0)
+    assert math.dist(p.place[:2], place) == pytest.approx(80.0, abs=4.0)

@@ -135,6 +135,7 @@ _MEMORY = (
     Memory("mode_told", dtype="i4", rare=True),
     Memory("logs_told", dtype="?", rare=True),
     *STICK_MEMORY,
+    Memory("wind_estimate", shape=3, rare=True),  # m/s, NED
     Memory("component_known", dtype="u1", shape=256, rare=True),  # 1: heard from this component of the own system
     Memory("payload", dtype="u1", shape=255, rare=True),
     Memory("received", dtype="u1", shape=255, rare=True),

@@ -54,6 +54,7 @@ from cosim.messages import (
     TERRAIN_REPORT,
     VFR_HUD,
     VIBRATION,
+    WIND,
 )
 from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILABLE_MODES_MONITOR
 
@@ -92,6 +93,7 @@ _TABLE = (
     (VIBRATION, MAV_DATA_STREAM_EXTRA3),
     (BATTERY_STATUS, MAV_DATA_STREAM_EXTRA3),
     (TERRAIN_REPORT, MAV_DATA_STREAM_EXTRA3),
+    (WIND, MAV_DATA_STREAM_EXTRA3),
     (HWSTATUS, _NONE),
     (SCALED_IMU, _NONE),
     (HIGHRES_IMU, _NONE),
@@ -118,7 +120,6 @@ _ABSENT_IDS = (
     132,
     143,
     162,
-    168,
     173,
     180,
     191,

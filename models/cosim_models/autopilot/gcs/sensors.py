@@ -37,6 +37,7 @@ from cosim.messages import (
     SIMSTATE,
     TERRAIN_REPORT,
     VIBRATION,
+    WIND,
     encode_ahrs,
     encode_ahrs2,
     encode_autopilot_state_for_gimbal_device,
@@ -56,6 +57,7 @@ from cosim.messages import (
     encode_simstate,
     encode_terrain_report,
     encode_vibration,
+    encode_wind,
     put_autopilot_state_for_gimbal_device_q,
     put_battery_status_voltages,
 )
@@ -247,6 +249,9 @@ def put_sensed(m: Any, message: int, t: float) -> bool:
     elif message == FLIGHT_INFORMATION:
         armed_at = _microseconds(m.armed_at) if m.armed else 0
         encode_flight_information(m.payload, _milliseconds(t), armed_at, 0, 0, 0)
+    elif message == WIND:
+        n, e, d = m.wind_estimate[0], m.wind_estimate[1], m.wind_estimate[2]
+        encode_wind(m.payload, math.degrees(math.atan2(-e, -n)), math.sqrt(n * n + e * e + d * d), d)
     elif message == RELAY_STATUS:
         encode_relay_status(m.payload, _milliseconds(t), 1 if m.relay_on else 0, 1)
     else:

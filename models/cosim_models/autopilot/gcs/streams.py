@@ -46,6 +46,7 @@ from cosim.messages import (
     SYS_STATUS,
     TERRAIN_REPORT,
     VFR_HUD,
+    WIND,
     encode_attitude,
     encode_attitude_quaternion,
     encode_autopilot_version,
@@ -167,8 +168,10 @@ def _send_state(m: Any, row: int, t: float) -> bool:
         put_mission_current(m)
     elif message == SERVO_OUTPUT_RAW:
         _put_servos(m, surface, t)
-    elif (message == TERRAIN_REPORT and surface) or (message == BATTERY_STATUS and m.lifts):
+    elif (surface and message == TERRAIN_REPORT) or (m.lifts and message == BATTERY_STATUS):
         return True  # a rover needs no terrain, and ArduPilot's simulated quadplane has no battery monitor
+    elif message == WIND and (surface or m.kind == MAV_TYPE_QUADROTOR):
+        return True
     elif not put_sensed(m, message, t):
         encode_system_time(m.payload, 0, int(1e3 * t + 0.5))
     return send(m, message)

@@ -26,6 +26,7 @@ from cosim_models.autopilot.gcs.targets import go_to
 from cosim_models.autopilot.gcs.words import GROUNDSPEED, say
 
 __all__ = [
+    "CLIMB_P",
     "WING_MEMORY",
     "bank_for",
     "change_speed",
@@ -40,6 +41,8 @@ __all__ = [
     "wing_parameters",
 ]
 
+CLIMB_P = 0.3
+"""Rate of climb over the error of the height [1/s]."""
 _GRAVITY = 9.80665
 _FASTEST = 1000.0  # m/s, of a speed that may be asked for
 _ROTATION = 0.7  # share of AIRSPEED_CRUISE at which it raises its nose
@@ -187,7 +190,7 @@ def change_speed(m: Any, kind: float, speed: float) -> int:
 @kernel
 def fly(m: Any, bank: float, down: float, speed: float, h: float) -> None:
     """Flies with a bank and a speed [m/s] towards a down coordinate."""
-    climb = clip(0.3 * (m.position[2] - down), -m.TECS_SINK_MAX, m.TECS_CLMB_MAX)
+    climb = clip(CLIMB_P * (m.position[2] - down), -m.TECS_SINK_MAX, m.TECS_CLMB_MAX)
     pitch, throttle = _energy(m, climb, speed, h)
     servos(m, bank, pitch, throttle, h)
 

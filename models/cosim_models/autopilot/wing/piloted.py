@@ -25,7 +25,7 @@ from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import angle, real, whole
 from cosim_models.autopilot.gcs.sticks import PITCH, ROLL, YAW, deflection, opening, tilt
-from cosim_models.autopilot.wing.flight import bank_for, clip, servos
+from cosim_models.autopilot.wing.flight import CLIMB_P, bank_for, clip, servos
 
 __all__ = ["PILOT_MEMORY", "PILOT_PARAMETERS", "begin_pilot", "by_hand", "circling_bank", "demand", "roll_stick"]
 
@@ -166,13 +166,18 @@ def circling_bank(m: Any) -> float:
 
 
 @kernel
-def _climb(m: Any, t: float, h: float) -> None:
-    """Moves the target's height with the stick of pitch; when it is centred, the present height is kept."""
+def _climb(m: Any, t: float, h: float) -> float:
+    """Moves the target's height with the stick of pitch, and returns the rate of climb [m/s].
+
+    When the stick is centred, the present height is kept.
+    """
     stick = deflection(m, PITCH, t)
     if (stick <= 0.0 and m.climb_stick > 0.0) or (stick >= 0.0 and m.climb_stick < 0.0):
         m.guided_position[2] = m.position[2]
     m.climb_stick = stick
-    m.guided_position[2] -= clip(m.FBWB_CLIMB_RATE * stick, -m.TECS_SINK_MAX, m.TECS_CLMB_MAX) * h
+    rate = clip(m.FBWB_CLIMB_RATE * stick, -m.TECS_SINK_MAX, m.TECS_CLMB_MAX)
+    m.guided_position[2] -= rate * h
+    return rate
 
 
 @kernel
@@ -198,8 +203,8 @@ def _cruising_bank(m: Any, t: float) -> float:
 
 
 @kernel
-def demand(m: Any, t: float, h: float) -> tuple[float, float]:
-    """Returns bank [rad] and speed [m/s] of FBWB and CRUISE, and moves the target's height."""
-    _climb(m, t, h)
+def demand(m: Any, t: float, h: float) -> tuple[float, float, float]:
+    """Returns bank [rad], down coordinate and speed [m/s] of FBWB and CRUISE, and moves the target's height."""
+    down = m.guided_position[2] - _climb(m, t, h) / CLIMB_P
     bank = _cruising_bank(m, t) if m.mode == _CRUISE else roll_stick(m, t)
-    return bank, float(m.AIRSPEED_MIN + (m.AIRSPEED_MAX - m.AIRSPEED_MIN) * opening(m, t))
+    return bank, down, float(m.AIRSPEED_MIN + (m.AIRSPEED_MAX - m.AIRSPEED_MIN) * opening(m, t))
