@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -88,10 +89,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: order.get(item.path, len(order)))
 
 
+def _of_all_workers(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """The folder of this run that its workers share."""
+    own = tmp_path_factory.getbasetemp()
+    return own if worker_id == "master" else own.parent
+
+
 def _folder_of_all(tmp_path_factory: pytest.TempPathFactory, worker_id: str, fmi: int) -> Path:
-    shared = tmp_path_factory.getbasetemp()
-    if worker_id != "master":
-        shared = shared.parent  # of all workers of this run
+    shared = _of_all_workers(tmp_path_factory, worker_id)
     with FileLock(shared / f"fmi{fmi}.lock"):
         models = models_of_package("cosim_models") if fmi == 2 else models_with_kernels().values()
         for _ in build_all(list(models), FMUS, fmi=fmi):
@@ -119,9 +124,18 @@ def forks() -> Iterator[Forks]:
 
 
 @pytest.fixture(scope="session")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what a pure Python wheel of this tree installs."""
-    folder = tmp_path_factory.mktemp("wheel")
+def installed(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """A folder with what a pure Python wheel of this tree installs; one for all workers, so nobody writes there."""
+    shared = _of_all_workers(tmp_path_factory, worker_id)
+    site = shared / "wheel" / "site"
+    with FileLock(shared / "wheel.lock"):
+        if not site.is_dir():
+            _install(shared / "wheel", site)
+    return site
+
+
+def _install(folder: Path, site: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
     source = folder / "source"
     for path in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "cosim", "models", "master"):
         (source / path).parent.mkdir(parents=True, exist_ok=True)
@@ -133,5 +147,5 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (wheel,) = folder.glob("*.whl")
     assert wheel.name.endswith("-py3-none-any.whl")
     with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(folder / "site")
-    return folder / "site"
+        archive.extractall(folder / "unpacked")
+    (folder / "unpacked").rename(site)

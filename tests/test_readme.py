@@ -69,7 +69,7 @@ def test_every_command_runs_as_printed(document: str, tmp_path: Path, forks: For
 @pytest.mark.slow
 def test_every_command_of_the_readme_runs_from_an_installed_wheel(installed: Path, fmus: Path, tmp_path: Path) -> None:
     site = tmp_path / "site"
-    shutil.copytree(installed, site)
+    shutil.copytree(installed, site, ignore=shutil.ignore_patterns("__pycache__"))  # others may just be importing it
     staged = site / "cosim_master" / "shipped" / "fmus"
     shutil.copytree(fmus, staged, ignore=shutil.ignore_patterns("*.fmi3.fmu"))
     (staged / "built-from").write_text(f"{HOST} {digest_of_models()}", encoding="utf-8")
