@@ -44,7 +44,7 @@ def gps(copter: Copter) -> mavlink.MAVLink_message:
 
 
 def hovering(**autopilot: float) -> Copter:
-    copter = Copter(autopilot=autopilot).in_the_air(8.0, 12.0)
+    copter = Copter(autopilot={"EK3_IMU_MASK": 1, **autopilot}).in_the_air(8.0, 12.0)  # no other lane to change to
     copter.heard.clear()
     return copter
 

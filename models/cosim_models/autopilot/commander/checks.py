@@ -83,6 +83,8 @@ def _watch_estimate(m: Any, t: float) -> None:
         if m.ekf_failed:
             return
         m.ekf_count += 1
+        if m.ekf_count == _COUNT - 1:
+            m.lane_asked = True
         if m.ekf_count >= _COUNT:
             m.ekf_count = _COUNT
             if m.ekf_warned_at == 0.0 or t - m.ekf_warned_at > _WARN_AGAIN:

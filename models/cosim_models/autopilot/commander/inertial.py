@@ -5,8 +5,7 @@ then a velocity that are not there. The difference to the velocity of GPS levels
 teaches it the error of the gyro; the heading is held by the compass. This is the linear error model of a navigation
 filter with constant gains, of which EKF3 computes better ones while it flies. Without GPS, nothing corrects it.
 
-The errors are those of the only sensors that there are; a real ArduCopter of which only the first of several errs
-changes to another one, if its velocity errs by more than 1.8 m/s.
+The errors are those of the sensor by whose lane the vehicle flies (`lanes`).
 
 Kernels over the autopilot's record `m`. Source: D. H. Titterton and J. L. Weston, Strapdown Inertial Navigation
 Technology, chapter 12 (error propagation); the gains are from flights of ArduCopter 4.7-dev on its own physics with an
@@ -23,14 +22,28 @@ from cosim.kernel import kernel
 from cosim.random_numbers import threefry
 from cosim_models.autopilot.control.low_pass import low_pass
 
-__all__ = ["add_tilt", "errs_sideways", "forget_tilt", "is_tilted", "shake_gyro", "watch_tilt"]
+__all__ = [
+    "GRAVITY",
+    "LEARNING",
+    "LEVELLING",
+    "SLIP_GATE",
+    "SLOWING",
+    "accelerometer_error",
+    "add_tilt",
+    "errs_sideways",
+    "forget_tilt",
+    "gyro_error",
+    "is_tilted",
+    "shake_gyro",
+    "watch_tilt",
+]
 
-_GRAVITY = 9.80665  # m/s2
-_SLOWING = 0.5  # 1/s, of the velocity
-_LEVELLING = 0.02  # rad/s for 1 m/s
-_LEARNING = 0.001  # rad/s2 for 1 m/s
+GRAVITY = 9.80665  # m/s2
+SLOWING, LEVELLING, LEARNING = 0.5, 0.02, 0.001
+"""Gains for an error of the velocity: of the velocity [1/s], of the tilt [rad/s for 1 m/s] and of the gyro [rad/s2]."""
+SLIP_GATE = 3.0
+"""Of the horizontal velocity [m/s]."""
 _LEARNING_YAW = 0.01  # 1/s2, of the error of the heading
-_GATE = 3.0  # m/s
 _RETRY = 1.6  # s after which a velocity that is rejected is reset
 _NEVER = -1.0
 _SAME, _SAME_RATE = 1e-3, 1e-5  # rad and m/s; rad/s
@@ -40,15 +53,32 @@ _UNIT = 2.0 / 4294967296.0
 
 
 @kernel
+def accelerometer_error(m: Any, imu: int) -> tuple[float, float, float]:
+    """Returns the error of an accelerometer, from 0 [m/s2, FRD]."""
+    if imu == 0:
+        return float(m.SIM_ACC1_BIAS_X), float(m.SIM_ACC1_BIAS_Y), float(m.SIM_ACC1_BIAS_Z)
+    return float(m.SIM_ACC2_BIAS_X), float(m.SIM_ACC2_BIAS_Y), float(m.SIM_ACC2_BIAS_Z)
+
+
+@kernel
+def gyro_error(m: Any, imu: int) -> tuple[float, float, float]:
+    """Returns the error of a gyro, from 0 [rad/s, FRD]."""
+    if imu == 0:
+        return float(m.SIM_GYR1_BIAS_X), float(m.SIM_GYR1_BIAS_Y), float(m.SIM_GYR1_BIAS_Z)
+    return float(m.SIM_GYR2_BIAS_X), float(m.SIM_GYR2_BIAS_Y), float(m.SIM_GYR2_BIAS_Z)
+
+
+@kernel
 def errs_sideways(m: Any) -> bool:
     """Returns whether the parameters let accelerometer or gyro err so that the estimate tilts or shakes."""
+    a, b = accelerometer_error(m, m.imu), gyro_error(m, m.imu)
     return bool(
-        m.SIM_ACC1_BIAS_X != 0.0
-        or m.SIM_ACC1_BIAS_Y != 0.0
-        or m.SIM_GYR1_BIAS_X != 0.0
-        or m.SIM_GYR1_BIAS_Y != 0.0
-        or m.SIM_GYR1_BIAS_Z != 0.0
-        or m.SIM_GYR1_RND != 0.0
+        a[0] != 0.0
+        or a[1] != 0.0
+        or b[0] != 0.0
+        or b[1] != 0.0
+        or b[2] != 0.0
+        or (m.SIM_GYR1_RND != 0.0 and m.imu == 0)
     )
 
 
@@ -79,21 +109,21 @@ def watch_tilt(m: Any, t: float) -> bool:
     whether the velocity has been rejected for so long that the position must be reset.
     """
     q = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
-    b, c = (float(m.SIM_GYR1_BIAS_X), float(m.SIM_GYR1_BIAS_Y), float(m.SIM_GYR1_BIAS_Z)), m.gyro_learned
+    a, b, c = accelerometer_error(m, m.imu), gyro_error(m, m.imu), m.gyro_learned
     wn, we, wd = rotate(q, (b[0] + c[0], b[1] + c[1], b[2] + c[2]))
-    fn, fe, _ = rotate(q, (float(m.SIM_ACC1_BIAS_X), float(m.SIM_ACC1_BIAS_Y), 0.0))
-    m.slip_force[0] = fn - _GRAVITY * m.tilt_error[1]
-    m.slip_force[1] = fe + _GRAVITY * m.tilt_error[0]
+    fn, fe, _ = rotate(q, (a[0], a[1], 0.0))
+    m.slip_force[0] = fn - GRAVITY * m.tilt_error[1]
+    m.slip_force[1] = fe + GRAVITY * m.tilt_error[0]
     n, e = float(m.slip_error[0]), float(m.slip_error[1])
-    ratio = math.sqrt(n * n + e * e) / _GATE
+    ratio = math.sqrt(n * n + e * e) / SLIP_GATE
     heard = m.SIM_GPS1_ENABLE != 0 and not m.gps_jammed
     used = 1.0 if heard and ratio < 1.0 else 0.0
-    m.tilt_rate[0] = wn - used * _LEVELLING * e
-    m.tilt_rate[1] = we + used * _LEVELLING * n
-    m.slip_rate[0] = m.slip_force[0] - used * _SLOWING * n
-    m.slip_rate[1] = m.slip_force[1] - used * _SLOWING * e
+    m.tilt_rate[0] = wn - used * LEVELLING * e
+    m.tilt_rate[1] = we + used * LEVELLING * n
+    m.slip_rate[0] = m.slip_force[0] - used * SLOWING * n
+    m.slip_rate[1] = m.slip_force[1] - used * SLOWING * e
     back = (q[0], -q[1], -q[2], -q[3])
-    learned = rotate(back, (-used * _LEARNING * e, used * _LEARNING * n, -_LEARNING_YAW * float(m.yaw_error)))
+    learned = rotate(back, (-used * LEARNING * e, used * LEARNING * n, -_LEARNING_YAW * float(m.yaw_error)))
     for i in range(3):
         m.learning[i] = learned[i]
     m.yaw_error_rate += wd
@@ -138,9 +168,10 @@ def shake_gyro(m: Any, h: float) -> None:
 @kernel
 def add_tilt(m: Any, h: float) -> None:
     """Adds the errors to angular velocity, acceleration, velocity and attitude of the estimate."""
-    m.gyro[0] += m.SIM_GYR1_BIAS_X + m.gyro_learned[0]
-    m.gyro[1] += m.SIM_GYR1_BIAS_Y + m.gyro_learned[1]
-    m.gyro[2] += m.SIM_GYR1_BIAS_Z + m.gyro_learned[2]
+    b = gyro_error(m, m.imu)
+    m.gyro[0] += b[0] + m.gyro_learned[0]
+    m.gyro[1] += b[1] + m.gyro_learned[1]
+    m.gyro[2] += b[2] + m.gyro_learned[2]
     for i in range(3):
         m.gyro_learned[i] += m.learning[i] * h
     for i in range(2):

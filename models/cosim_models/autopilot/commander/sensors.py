@@ -29,12 +29,28 @@ from typing import Any
 from cosim.frames import deg_e7, geodetic_from_local, rotate, wrap_pi
 from cosim.kernel import kernel
 from cosim_models.autopilot.commander.inertial import (
+    accelerometer_error,
     add_tilt,
     errs_sideways,
     forget_tilt,
     is_tilted,
     shake_gyro,
     watch_tilt,
+)
+from cosim_models.autopilot.commander.lanes import (
+    GAIN,
+    GAIN_CLIMB,
+    GAIN_FALL,
+    GAIN_UP,
+    GATE,
+    GATE_CLIMB,
+    GATE_SLIP,
+    GATE_UP,
+    change_lane,
+    either_errs,
+    forget_lanes,
+    prepare_lanes,
+    watch_lanes,
 )
 from cosim_models.autopilot.commander.wind import watch_wind, wind_is_on
 from cosim_models.autopilot.control.motors import GROUND_IDLE
@@ -43,9 +59,6 @@ from cosim_models.autopilot.link.statustext import CRITICAL, GLITCH, GLITCH_CLEA
 __all__ = ["add_errors", "fail_motors", "told_by_gps", "watch_sensors"]
 
 _PER_DEGREE = 111318.84502145034  # m of latitude, ArduPilot's LATLON_TO_M
-_GATE, _GATE_UP = 2.5, 10.0  # m
-_GATE_SLIP = 0.65  # s, by which the gate grows with an error of the velocity
-_GAIN, _GAIN_UP = 1.0, 0.3  # 1/s
 _RETRY = 10.0  # s after which what is rejected is believed
 _LOST = 7.0  # s without GPS
 _GLITCH_BEGINS, _GLITCH_ENDS = 1.0, 10.0  # s of rejection, and without it
@@ -55,8 +68,6 @@ _CALIBRATED = (5.0, 13.0, -18.0)  # mGauss, offsets of the simulated compass
 _NEVER = -1.0
 _NONSENSE = 10.0  # innovation over its gate
 _SAME = 1e-3  # m
-_GATE_CLIMB = 3.0  # m/s
-_GAIN_CLIMB, _GAIN_FALL = 0.15, 0.9  # 1/s, of climb rate and height
 _IMU_RETRY, _IMU_IGNORED = 2.5, 9.4  # s
 _LEFT = 0.05  # s, climb error over that of the acceleration while the accelerometer is ignored
 _GAIN_IGNORED = 5.0  # 1/s
@@ -104,7 +115,7 @@ def _is_on(m: Any) -> bool:
         return True
     if wind_is_on(m) or errs_sideways(m) or (m.sim_on and is_tilted(m)):
         return True
-    if m.SIM_ACC1_BIAS_Z != 0.0 or vibrates(m) or (m.sim_on and abs(m.climb_error) > _SAME):
+    if either_errs(m) or vibrates(m) or (m.sim_on and abs(m.climb_error) > _SAME):
         return True
     e = m.estimate_error
     if m.sim_on and abs(m.yaw_error) > _SAME:
@@ -160,11 +171,11 @@ def _watch_gps(m: Any, t: float) -> None:
         say(m, INFO, USING_GPS, NO_NUMBER)
     away_n, away_e = n - m.estimate_error[0], e - m.estimate_error[1]
     slip = math.sqrt(m.slip_error[0] * m.slip_error[0] + m.slip_error[1] * m.slip_error[1])
-    m.position_ratio = math.sqrt(away_n * away_n + away_e * away_e) / (_GATE + _GATE_SLIP * slip)
+    m.position_ratio = math.sqrt(away_n * away_n + away_e * away_e) / (GATE + GATE_SLIP * slip)
     if m.position_ratio < 1.0:
         if m.imu_rejected_at == _NEVER and m.slip_rejected_at == _NEVER:
             m.gps_rejected_at = _NEVER
-        m.error_rate[0], m.error_rate[1] = _GAIN * away_n, _GAIN * away_e
+        m.error_rate[0], m.error_rate[1] = GAIN * away_n, GAIN * away_e
         return
     m.error_rate[0] = m.error_rate[1] = 0.0
     if m.gps_rejected_at == _NEVER:
@@ -177,10 +188,10 @@ def _watch_gps(m: Any, t: float) -> None:
 @kernel
 def _watch_barometer(m: Any, t: float) -> None:
     away = m.SIM_BARO_DRIFT * t + m.SIM_BARO_GLITCH - m.estimate_error[2]
-    m.height_ratio = abs(away) / _GATE_UP
+    m.height_ratio = abs(away) / GATE_UP
     if m.height_ratio < 1.0:
         m.barometer_rejected_at = _NEVER
-        m.error_rate[2] = _GAIN_UP * away
+        m.error_rate[2] = GAIN_UP * away
         return
     m.error_rate[2] = 0.0
     if m.barometer_rejected_at == _NEVER:
@@ -192,16 +203,16 @@ def _watch_barometer(m: Any, t: float) -> None:
 @kernel
 def _watch_accelerometer(m: Any, t: float) -> None:
     """Sets the rate at which the climb rate of the estimate errs, and its innovation over the gate."""
-    up = -m.SIM_ACC1_BIAS_Z * (1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2]))
+    up = -accelerometer_error(m, m.imu)[2] * (1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2]))
     if t < m.imu_ignored_until:
         m.climb_error_rate = _GAIN_IGNORED * (_LEFT * up - m.climb_error)
         return
-    ratio = abs(m.climb_error) / _GATE_CLIMB
+    ratio = abs(m.climb_error) / GATE_CLIMB
     m.velocity_ratio = max(m.velocity_ratio, ratio)
     if ratio < 1.0:
         m.imu_rejected_at = _NEVER
-        m.climb_error_rate = up - _GAIN_CLIMB * m.climb_error
-        m.error_rate[2] += m.climb_error - _GAIN_FALL * m.estimate_error[2]
+        m.climb_error_rate = up - GAIN_CLIMB * m.climb_error
+        m.error_rate[2] += m.climb_error - GAIN_FALL * m.estimate_error[2]
         return
     m.climb_error_rate = up
     m.error_rate[2] = m.climb_error
@@ -238,11 +249,46 @@ def _watch_tilt(m: Any, t: float) -> None:
 
 
 @kernel
+def _away(m: Any, t: float) -> tuple[float, float, float]:
+    """Returns by how much GPS and barometer are away from the estimate [m, north, east, up]."""
+    n = m.SIM_GPS1_GLTCH_X * _PER_DEGREE - m.estimate_error[0]
+    e = m.SIM_GPS1_GLTCH_Y * _PER_DEGREE * math.cos(m.origin_latitude) - m.estimate_error[1]
+    return float(n), float(e), float(m.SIM_BARO_DRIFT * t + m.SIM_BARO_GLITCH - m.estimate_error[2])
+
+
+@kernel
+def _watch_all(m: Any, t: float) -> None:
+    """Sets the rates at which the errors of the estimate change."""
+    _watch_gps(m, t)
+    _watch_barometer(m, t)
+    if accelerometer_error(m, m.imu)[2] != 0.0 or m.climb_error != 0.0:
+        _watch_accelerometer(m, t)
+    _watch_compass(m)
+    _watch_tilt(m, t)
+
+
+@kernel
+def _fly_by_other(m: Any, t: float) -> None:
+    """Changes the lane, and what follows from its errors."""
+    by = change_lane(m, t)
+    for axis in range(3):
+        _reset(m, axis, m.estimate_error[axis] + by[axis])
+    m.slip_rejected_at = m.imu_rejected_at = _NEVER
+    m.imu_ignored_until = m.climb_error_rate = 0.0
+    _watch_all(m, t)
+
+
+@kernel
 def watch_sensors(m: Any, t: float) -> None:
     """Updates the errors of the estimate; called ten times a second."""
     watch_wind(m)
     m.gps_jammed = _is_jammed(m, t + m.booted_at)
     was = m.sim_on
+    if prepare_lanes(m):
+        if was:
+            _fly_by_other(m, t)
+        else:
+            change_lane(m, t)
     m.sim_on = _is_on(m)
     if not m.sim_on:
         m.position_ratio = m.velocity_ratio = m.height_ratio = 0.0
@@ -255,12 +301,12 @@ def watch_sensors(m: Any, t: float) -> None:
         m.climb_error = m.vibration_phase = m.imu_ignored_until = 0.0
         m.imu_rejected_at = _NEVER
         forget_tilt(m)
-    _watch_gps(m, t)
-    _watch_barometer(m, t)
-    if m.SIM_ACC1_BIAS_Z != 0.0 or m.climb_error != 0.0:
-        _watch_accelerometer(m, t)
-    _watch_compass(m)
-    _watch_tilt(m, t)
+        forget_lanes(m)
+    _watch_all(m, t)
+    if either_errs(m):
+        away = _away(m, t)
+        if watch_lanes(m, t, away[0], away[1], away[2]):
+            _fly_by_other(m, t)
     _watch_glitch(m, t)
 
 
@@ -289,10 +335,11 @@ def _shake(m: Any, dt: float) -> None:
 @kernel
 def add_errors(m: Any, dt: float) -> None:
     """Adds the errors of the estimate to the sensed motion."""
-    if m.SIM_ACC1_BIAS_Z != 0.0 or m.climb_error != 0.0:
+    down = accelerometer_error(m, m.imu)[2]
+    if down != 0.0 or m.climb_error != 0.0:
         m.climb_error += m.climb_error_rate * dt
         m.velocity_neu[2] += m.climb_error
-        m.acceleration_neu[2] -= m.SIM_ACC1_BIAS_Z * (1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2]))
+        m.acceleration_neu[2] -= down * (1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2]))
     if vibrates(m) and m.armed and m.spool_state > GROUND_IDLE:
         _shake(m, dt)
     for i in range(3):

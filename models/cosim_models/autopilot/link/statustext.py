@@ -206,6 +206,8 @@ __all__ = [
     "ZIGZAG_STORED_A",
     "ZIGZAG_STORED_B",
     "YAW_IMBALANCE",
+    "LANE_SWITCH",
+    "PRIMARY_CHANGED",
     "say",
     "say_here",
     "say_with",
@@ -422,6 +424,8 @@ NO_SMART_RETURNS = _text(b"SmartRTL Unavailable, Trying RTL Mode")
 RECOVERY = _text(b"Manual recovery started")
 WIND_UNCONNECTED = _text(b"SIM_WIND: added_wind is not connected")
 THRUST_LOST = _text(b"Potential Thrust Loss (%)")
+LANE_SWITCH = _text(b"EKF3 lane switch %")
+PRIMARY_CHANGED = _text(b"EKF primary changed:%")
 YAW_IMBALANCE = _text(b"Yaw Imbalance %|")
 TRY_LAND = _text(b"Trying Land Mode")
 TRY_RTL = _text(b"Trying RTL Mode")

@@ -370,6 +370,22 @@ SENSOR_PARAMETERS = _rare(
         _signed(f"SIM_GYR1_BIAS_{axis}", "rad/s", 0.0, f"gyro: error of the {name} rate", 20.0)
         for axis, name in (("X", "roll"), ("Y", "pitch"), ("Z", "yaw"))
     ),
+    *(
+        _signed(f"SIM_ACC2_BIAS_{axis}", "m/s2", 0.0, f"second accelerometer: error {way}", 20.0)
+        for axis, way in (("X", "forwards"), ("Y", "to the right"), ("Z", "downwards"))
+    ),
+    *(
+        _signed(f"SIM_GYR2_BIAS_{axis}", "rad/s", 0.0, f"second gyro: error of the {name} rate", 20.0)
+        for axis, name in (("X", "roll"), ("Y", "pitch"), ("Z", "yaw"))
+    ),
+    _whole(
+        "EK3_IMU_MASK", 3, "lanes of the estimate: 1 by the first inertial sensor, 2 by the second, 3 by each", 1, 3
+    ),
+    _whole("EK3_PRIMARY", 0, "lane that flies before others are better, from 0", 0, 1),
+    _whole("EK3_OPTIONS", 0, "2: lanes change only by EK3_PRIMARY", 0, 3),
+    _real("EK3_ERR_THRESH", "1", 0.2, "by how much the score of another lane must be better", 0.05),
+    _whole("INS_USE", 1, "0: the first inertial sensor is not used", 0, 1),
+    _whole("INS_USE2", 1, "0: the second inertial sensor is not used", 0, 1),
     _real("SIM_GYR1_RND", "deg/s", 0.0, "gyro: greatest noise at full throttle", 0.0),
     _real("SIM_WIND_SPD", "m/s", 0.0, "wind: speed at the height SIM_WIND_T_ALT", 0.0),
     _signed("SIM_WIND_DIR", "deg", 180.0, "wind: direction from which it blows", 360.0),

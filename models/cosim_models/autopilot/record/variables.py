@@ -326,6 +326,17 @@ MEMORY = (
     Memory("gyro_learned", shape=3, rare=True),  # correction of the gyro, FRD, rad/s
     Memory("learning", shape=3, rare=True),
     Memory("gyro_delays", shape=(3, 2), rare=True),  # of the low-pass of its noise
+    Memory("lane", dtype="i4", rare=True),  # that flies, from 0
+    Memory("imu", dtype="i4", rare=True),  # its inertial sensor, from 0
+    Memory("lane_since", shape=2, rare=True),  # when each lane was changed to
+    Memory("lane_asked", dtype="?", rare=True),  # the fail-safe of the estimate is about to begin
+    Memory("other_tilt", shape=2, rare=True),  # errors of the other lane, as those above
+    Memory("other_slip", shape=2, rare=True),
+    Memory("other_learned", shape=3, rare=True),
+    Memory("other_climb", rare=True),
+    Memory("other_rejected", rare=True),  # s for which it has been beyond its gate
+    Memory("other_place", shape=3, rare=True),  # errors that its sensor makes in its place, north, east, up
+    Memory("own_place", shape=3, rare=True),  # and that of the lane that flies
     Memory("gyro_draws", dtype="i4", rare=True),
     Memory("wind_speed", rare=True),  # that SIM_WIND_* ask for, after SIM_WIND_TC, m/s
     Memory("wind_from", rare=True),  # deg
