@@ -1,11 +1,12 @@
 """The plane autopilot FMU: ArduPlane's modes and MAVLink behaviour for fixed wings.
 
 A fixed wing cannot stop: to hold a place is to circle it, with WP_LOITER_RAD. GUIDED circles its target, LOITER and
-AVOID_ADSB the place where the mode was entered, RTL home; AUTO flies missions; TAKEOFF climbs straight ahead to
-TKOFF_ALT and then circles. A pilot flies MANUAL, STABILIZE, TRAINING, ACRO, FBWA, FBWB and CRUISE (`wing.piloted`), by
-RC_CHANNELS_OVERRIDE and MANUAL_CONTROL; without them, the sticks are centred and the throttle is closed. Positions come
-by DO_REPOSITION and MISSION_ITEM with current 2. As in ArduPlane, the message SET_POSITION_TARGET_GLOBAL_INT changes
-the height alone, the take-off command is FAILED (it is for VTOL), and landing is UNSUPPORTED.
+AVOID_ADSB the place where the mode was entered, LOITER_ALT_QLAND the same 15 m above home (it cannot QLAND), RTL home;
+AUTO flies missions; TAKEOFF climbs straight ahead to TKOFF_ALT and then circles. A pilot flies MANUAL, STABILIZE,
+TRAINING, ACRO, FBWA, FBWB and CRUISE (`wing.piloted`), by RC_CHANNELS_OVERRIDE and MANUAL_CONTROL; without them, the
+sticks are centred and the throttle is closed. Positions come by DO_REPOSITION and MISSION_ITEM with current 2. As in
+ArduPlane, the message SET_POSITION_TARGET_GLOBAL_INT changes the height alone, the take-off command is FAILED (it is
+for VTOL), and landing is UNSUPPORTED.
 
 Differences from ArduPlane: these loops instead of TECS and L1, no airspeed sensor (airspeed is taken as the speed over
 ground; the wind is estimated for the message WIND alone), no landing, no AUTOTUNE, no fail-safes, no fences. Speeds and
@@ -21,7 +22,7 @@ import math
 from enum import IntEnum
 from typing import Any, ClassVar
 
-from cosim import Model
+from cosim import Memory, Model
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_DO_CHANGE_SPEED,
@@ -55,7 +56,7 @@ from cosim_models.autopilot.gcs.record import MISSION, pilot_variables
 from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
-from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_VTOL, say
+from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
@@ -98,12 +99,14 @@ class PlaneMode(IntEnum):
     TAKEOFF = 13
     AVOID_ADSB = 14
     GUIDED = 15
+    LOITER_ALT_QLAND = 25
 
 
 _MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _FBWA, _FBWB, _CRUISE = map(int, list(PlaneMode)[:8])
-_AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED = map(int, list(PlaneMode)[8:])
+_AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED, _LOITER_ALT_QLAND = map(int, list(PlaneMode)[8:])
 _BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA)
 _KNOWN = tuple(map(int, PlaneMode))
+_LOITER_ALT = 15.0  # m above home, Q_RTL_ALT without rotors
 _ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 1.0, 5.0  # m above home and m/s: beyond them it is in the air
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
@@ -114,7 +117,7 @@ VARIABLES = pilot_variables(
     (Airframe.plane,),
     PlaneMode.MANUAL,
     (*wing_parameters(), *PILOT_PARAMETERS, *STICK_PARAMETERS),
-    (*MISSION, *WING_MEMORY, *PILOT_MEMORY, *WIND_MEMORY),
+    (*MISSION, *WING_MEMORY, *PILOT_MEMORY, *WIND_MEMORY, Memory("told_low", dtype="?", rare=True)),
 )
 _hear_parameter, _continue_list = parameter_protocol(VARIABLES)
 _hear_mission = mission_protocol(_FLOWN)
@@ -159,6 +162,9 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
         launch(m, m.home[2] - m.TKOFF_ALT)
     elif mode == _RTL:
         go_to(m, m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE)
+    elif mode == _LOITER_ALT_QLAND:
+        go_to(m, m.position[0], m.position[1], m.home[2] - _LOITER_ALT)
+        m.told_low = False
     return MAV_RESULT_ACCEPTED
 
 
@@ -269,6 +275,9 @@ def _act(m: Any, t: float, h: float) -> None:
         rest(m)
     else:
         fly(m, circle(m, m.guided_position[0], m.guided_position[1]), m.guided_position[2], cruise_speed(m), h)
+        if m.mode == _LOITER_ALT_QLAND and not m.told_low and m.position[2] >= m.guided_position[2] - 1.0:
+            m.told_low = True
+            say(m, MAV_SEVERITY_INFO, NO_Q_MODES, 0)
 
 
 # ---- the model -----------------------------------------------------------------------------------------------------

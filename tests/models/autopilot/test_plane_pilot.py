@@ -251,3 +251,14 @@ def test_avoid_adsb_circles_where_it_is() -> None:
     place = p.place[:2]
     p.until(p.time + 40.0)
     assert math.dist(p.place[:2], place) == pytest.approx(80.0, abs=4.0)
+
+
+def test_without_rotors_loiter_alt_qland_stays_low_and_says_why() -> None:
+    p = high(25)
+    while -p.place[2] > 16.0:
+        p.one_step()
+        assert p.time < 120.0
+    p.until(p.time + 30.0)
+    assert -p.place[2] == pytest.approx(15.0, abs=1.0)
+    assert [m.text for m in p.heard if m.get_type() == "STATUSTEXT"].count("Q_ENABLE 0") == 1
+    assert p.m.mode == 25

@@ -193,6 +193,8 @@ def _request_message(m: Any, message: float, argument: float, t: float) -> int:
         return MAV_RESULT_FAILED
     if message == AVAILABLE_MODES:
         ask_for_modes(m, argument)
+        m.due[row] = t + m.interval[row]
+        m.next_due = min(m.next_due, m.due[row])
         set_interval(m, row_of(float(AVAILABLE_MODES_MONITOR)), _MONITORED, t)
     return MAV_RESULT_ACCEPTED if send_message(m, row, t) else MAV_RESULT_FAILED
 

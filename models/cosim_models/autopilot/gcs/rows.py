@@ -5,6 +5,8 @@ Source: ArduPilot, GCS_MAVLink (stream groups).
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from cosim.kernel import kernel
@@ -58,7 +60,7 @@ from cosim.messages import (
 )
 from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILABLE_MODES_MONITOR
 
-__all__ = ["ROWS", "group_of", "is_absent", "message_of", "row_of"]
+__all__ = ["MODES_ROW", "ROWS", "group_of", "is_absent", "message_of", "row_of"]
 
 _NONE = 0  # in no MAV_DATA_STREAM
 _TABLE = (
@@ -105,6 +107,7 @@ _TABLE = (
     (AVAILABLE_MODES_MONITOR, _NONE),
 )
 ROWS = len(_TABLE)
+MODES_ROW = cast(int, np.int64([message for message, _ in _TABLE].index(AVAILABLE_MODES)))
 _IDS = np.array([message for message, _ in _TABLE], dtype=np.int64)
 _GROUPS = np.array([group for _, group in _TABLE], dtype=np.int64)
 

@@ -68,7 +68,7 @@ from cosim.messages import (
 from cosim.packets import clear
 from cosim_models.autopilot.gcs.devices import continue_repetition
 from cosim_models.autopilot.gcs.modes import MODES_INTERVAL, send_modes
-from cosim_models.autopilot.gcs.rows import ROWS, message_of, row_of
+from cosim_models.autopilot.gcs.rows import MODES_ROW, ROWS, message_of, row_of
 from cosim_models.autopilot.gcs.sending import send
 from cosim_models.autopilot.gcs.sensors import put_sensed
 from cosim_models.autopilot.gcs.words import ARMED, DISARMED, say
@@ -283,7 +283,7 @@ def stream(m: Any, t: float) -> None:
     soonest = t + 1.0
     for row in range(ROWS):
         interval = m.interval[row]
-        if interval <= 0.0:
+        if interval <= 0.0 or (row == MODES_ROW and not m.modes_asked):
             continue
         if t >= m.due[row] - _SLACK and send_message(m, row, t):
             m.due[row] += interval

@@ -20,8 +20,8 @@ from cosim.kernel import kernel
 
 __all__ = ["WIND_MEMORY", "estimate_wind"]
 
-_PERIOD = 0.2  # s
-_SHARE = 0.02  # of the error across the nose by which each look corrects the estimate
+_PERIOD = 0.5  # s
+_SHARE = 0.05  # of the error across the nose by which each look corrects the estimate
 
 WIND_MEMORY = (
     Memory("wind_next"),  # s, of the next look
