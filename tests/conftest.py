@@ -36,7 +36,7 @@ it takes: kernels are compiled when they are first called, and machines are busy
 
 gc.set_threshold(50_000, 20, 50)
 """Collecting thousands of tests makes a million objects that stay: with Python's own limits, looking through them again
-and again took two fifths of the time of a collection of tests and a tenth of that of the tests."""
+and again took two fifths of the time of the first collection of tests and a tenth of that of the tests."""
 
 
 @pytest.fixture(autouse=True)

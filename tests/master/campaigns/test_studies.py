@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 import pytest
-from scipy.stats import qmc
 
 from cosim_master.campaigns.metrics.metric import Metric
 from cosim_master.campaigns.running.options import commands
@@ -62,6 +61,8 @@ def test_a_grid_has_every_combination_and_each_seed() -> None:
 
 
 def test_designs_that_sample_are_those_of_scipy() -> None:
+    from scipy.stats import qmc  # takes a second: only those who run this test wait for it
+
     varied = factors("a.b=10:20", "c.d=x,y")
     sequence = points(Design("sobol", 8), varied)
     drawn = qmc.Sobol(2, rng=1).random_base2(3)
