@@ -199,9 +199,9 @@ def test_velocities_end_at_the_margin_of_a_fence(
     """ArduCopter stopped 27.7 m from home with a radius of 30 m, and at 7 m over a minimum of 5 m."""
     copter = Copter(autopilot={"FENCE_ENABLE": 1, **fence}).in_the_air(5.0, 10.0)
     vx, vy, vz = way
-    for _ in range(20):
+    for _ in range(200):
         copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=vx, vy=vy, vz=vz)
-        copter.run(1.0)
+        copter.run(0.1)
     assert copter.m["mode"] == GUIDED
     assert copter.v["position"] == pytest.approx(stop, abs=0.6)
 

@@ -215,9 +215,9 @@ def test_velocities_end_at_the_margin_of_an_uploaded_fence(
     """The vehicle lags behind the velocity, so that it comes to rest up to 0.7 m nearer."""
     copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_TYPE": 4}).in_the_air(5.0, 10.0)
     assert upload(copter, items) == 0
-    for _ in range(60):
+    for _ in range(150):
         copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=way[0], vy=way[1])
-        copter.run(0.25)
+        copter.run(0.1)
     assert copter.m["mode"] == GUIDED
     n, e, _ = copter.v["position"]
     if stop is None:

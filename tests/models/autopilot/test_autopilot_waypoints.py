@@ -10,7 +10,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim.frames import EARTH_RADIUS_ARDUPILOT
+from cosim_models.autopilot.autopilot import Autopilot
 from cosim_models.autopilot.control.scurve import CLOCK, CONSTANT, LEG, RISE
+from cosim_models.autopilot.flight.avoidance import avoid_fences, slow_at_fences
 from tests.models.autopilot.test_autopilot_auto import flying, reached
 from tests.models.autopilot.test_autopilot_missions import item
 from tests.models.copter import ACCEPTED, RTL, Copter, H
@@ -177,3 +179,51 @@ def test_rtl_plans_in_whole_units_of_a_location() -> None:
     assert climb == pytest.approx(np.round(climb), abs=2e-3)
     assert rows[planned, 4] == pytest.approx(20.0, abs=step + 5e-3)
     assert rows[planned, 6] == pytest.approx(15.0, abs=0.01)
+
+
+# ---- fences --------------------------------------------------------------------------------------------------------
+
+
+def test_a_velocity_that_a_fence_reduces_stays_so_until_the_next_command() -> None:
+    """ArduCopter changes the command itself, by at most 3 m/s2: one step of 2.5 ms for each command that asks more."""
+    m = Autopilot.record()
+    for name, value in {"FENCE_ENABLE": 1, "FENCE_TYPE": 2, "FENCE_RADIUS": 40.0, "FENCE_MARGIN": 2.0}.items():
+        m[name] = value
+    m["position_neu"][:] = 37.75, 0.0, 10.0
+    v = np.array([0.1, 0.0, 0.0])
+    avoid_fences(m, v, H)
+    assert v[0] == 0.1  # slow enough: 0.25 m/s is permitted
+    v[:] = 6.0, 0.0, 0.0
+    avoid_fences(m, v, H)
+    assert v[0] == pytest.approx(6.0 - 0.0075)
+    for _ in range(800):
+        avoid_fences(m, v, H)
+    assert v[0] == pytest.approx(0.25, abs=0.001)
+    m["position_neu"][0] = 37.5  # 0.5 m/s would be permitted
+    for command in (1, 2, 3):
+        v[:] = 6.0, 0.0, 0.0
+        for _ in range(40):
+            avoid_fences(m, v, H)
+        assert v[0] == pytest.approx(0.25 + 0.0075 * command, abs=0.001)
+    for _ in range(81):
+        avoid_fences(m, v, H)
+    v[:] = 6.0, 0.0, 0.0
+    avoid_fences(m, v, H)
+    assert v[0] == pytest.approx(6.0 - 0.0075)  # 0.2 s later, it begins anew
+
+
+def test_a_vehicle_beyond_the_margin_of_a_fence_goes_back() -> None:
+    """By the proportional gain of the position, 1/s, at most at 0.75 m/s, unless more is wanted."""
+    m = Autopilot.record()
+    for name, value in {"FENCE_ENABLE": 1, "FENCE_TYPE": 2, "FENCE_RADIUS": 40.0, "FENCE_MARGIN": 2.0}.items():
+        m[name] = value
+    for place, wanted, expected in (
+        ((38.1, 0.0), (0.0, 0.02), (-0.1, None)),
+        ((0.0, -38.2), (0.01, 0.0), (None, 0.2)),
+        ((38.1, 0.0), (-2.0, 0.0), (-2.0, None)),
+        ((39.9, 0.0), (0.0, 0.01), (-0.75, None)),
+    ):
+        m["position_neu"][:] = *place, 10.0
+        found = slow_at_fences(m, *wanted, H)
+        for part, value in zip(found, expected, strict=True):
+            assert value is None or part == pytest.approx(value, abs=0.005), place

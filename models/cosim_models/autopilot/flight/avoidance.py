@@ -26,9 +26,15 @@ from cosim_models.autopilot.mission.fences import (
     within_polygons,
 )
 
-__all__ = ["avoids", "slow_at_fences", "slow_at_heights"]
+__all__ = ["avoid_fences", "avoids", "slow_at_fences", "slow_at_heights"]
 
 _ACCEL_MAX = 1.0  # m/s2, of the braking
+_BACK_SHARE, _BACK_SPEED = (
+    0.4,
+    0.75,
+)  # of that acceleration, and m/s (AVOID_BACKUP_SPD), on the way back into the margin
+_CHANGE = 3.0  # m/s2 (AVOID_ACCEL_MAX)
+_RECENT = 0.2  # s for which the last reduced velocity counts
 _AT_FENCES = 1  # AVOID_ENABLE
 
 
@@ -36,6 +42,14 @@ _AT_FENCES = 1  # AVOID_ENABLE
 def avoids(m: Any) -> bool:
     """Returns whether fences slow the vehicle down."""
     return bool(m.FENCE_ENABLE != 0 and (m.AVOID_ENABLE & _AT_FENCES) != 0)
+
+
+@kernel
+def _at_least(v: float, back: float) -> float:
+    """Returns a part of a velocity that is at least `back` in its direction."""
+    if back == 0.0:
+        return v
+    return max(v, back) if back > 0.0 else min(v, back)
 
 
 @kernel
@@ -52,14 +66,16 @@ def _slow_at_circle(m: Any, vn: float, ve: float, dt: float) -> tuple[float, flo
     way = inverse_sqrt_controller(speed, m.PSC_POSXY_P, accel) / speed
     stop_n, stop_e = n + vn * way, e + ve * way
     far = math.sqrt(stop_n * stop_n + stop_e * stop_e)
-    if far <= radius:
+    if far > radius:
+        dn, de = stop_n * radius / far - n, stop_e * radius / far - e
+        left = math.sqrt(dn * dn + de * de)
+        slower = min(speed, sqrt_controller(left, m.PSC_POSXY_P, accel, dt)) / left if left > 0.0 else 0.0
+        vn, ve = dn * slower, de * slower
+    gone = math.sqrt(n * n + e * e)
+    if gone <= radius:
         return vn, ve
-    dn, de = stop_n * radius / far - n, stop_e * radius / far - e
-    left = math.sqrt(dn * dn + de * de)
-    if left == 0.0:
-        return 0.0, 0.0
-    slower = min(speed, sqrt_controller(left, m.PSC_POSXY_P, accel, dt)) / left
-    return dn * slower, de * slower
+    back = min(sqrt_controller(gone - radius, m.PSC_POSXY_P, _BACK_SHARE * accel, dt), _BACK_SPEED) / gone
+    return _at_least(vn, -back * n), _at_least(ve, -back * e)
 
 
 @kernel
@@ -129,3 +145,27 @@ def slow_at_heights(m: Any, vu: float, dt: float) -> float:
         room = height - m.FENCE_ALT_MIN - m.FENCE_MARGIN
         vu = -min(-vu, sqrt_controller(room, m.PSC_POSZ_P, m.accel_up, dt) if room > 0.0 else 0.0)
     return vu
+
+
+@kernel
+def avoid_fences(m: Any, v: Any, dt: float) -> None:
+    """Reduces a wanted velocity (float64[3], NEU) until the next command: ArduCopter changes the command itself.
+
+    The velocity changes by at most 3 m/s2 in the steps in which it is reduced; since it stays as it was reduced to, it
+    rises again by one such step for each command.
+    """
+    vn, ve = slow_at_fences(m, v[0], v[1], dt)
+    vu = slow_at_heights(m, v[2], dt)
+    if vn == v[0] and ve == v[1] and vu == v[2]:
+        m.avoiding -= dt
+        return
+    last = m.avoid_velocity
+    if m.avoiding <= 0.0:
+        last[0], last[1], last[2] = v[0], v[1], v[2]
+    m.avoiding = _RECENT
+    dn, de, du = vn - last[0], ve - last[1], vu - last[2]
+    change = math.sqrt(dn * dn + de * de + du * du)
+    share = min(_CHANGE * dt / change, 1.0) if change > 0.0 else 1.0
+    for i in range(3):
+        last[i] += share * (dn if i == 0 else de if i == 1 else du)
+        v[i] = last[i]

@@ -37,7 +37,7 @@ from cosim_models.autopilot.control.position import (
 )
 from cosim_models.autopilot.control.shaping import clip, sqrt_controller
 from cosim_models.autopilot.flight.angles import run_angle
-from cosim_models.autopilot.flight.avoidance import avoids, slow_at_fences, slow_at_heights
+from cosim_models.autopilot.flight.avoidance import avoid_fences, avoids
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.terrain_following import lower, margin_share, raise_up, refer_heights, see_terrain
 from cosim_models.autopilot.flight.yaw import (
@@ -359,12 +359,10 @@ def run_guided(m: Any, t: float, dt: float) -> None:
     elif m.submode == POSITION:
         seek_position(m, p[0], p[1], p[2], 1.0, dt)
     elif m.submode == VELOCITY:
-        vn, ve, vu = v[0], v[1], v[2]
         if avoids(m):
-            vn, ve = slow_at_fences(m, vn, ve, dt)
-            vu = slow_at_heights(m, vu, dt)
-        seek_velocity_ne(m, vn, ve, a[0], a[1], dt)
-        seek_velocity_up(m, vu, a[2], False, dt)
+            avoid_fences(m, v, dt)
+        seek_velocity_ne(m, v[0], v[1], a[0], a[1], dt)
+        seek_velocity_up(m, v[2], a[2], False, dt)
     elif m.submode == POSITION_VELOCITY:
         seek_position_velocity(m, p, v, a, dt)
     elif late:  # after accelerations, the velocity is brought to zero

@@ -126,6 +126,8 @@ MEMORY = (
     Memory("terrain_reference", rare=True),  # of the grid above the local origin
     Memory("terrain_referred", dtype="?", rare=True),
     Memory("terrain_missing", dtype="?", rare=True),  # a destination cannot be flown to
+    Memory("avoid_velocity", shape=3, rare=True),  # to which fences reduced the last one
+    Memory("avoiding", rare=True),  # s for which it counts
     Memory("terrain_gap", rare=True),  # s for which the height has been unknown, and known again
     Memory("terrain_good", rare=True),
     State("terrain_failsafe", type=bool, description="whether the fail-safe of missing terrain is on"),
