@@ -316,7 +316,7 @@ def advance(m: Any, t: float, h: float) -> int:
     speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
     m.on_ground = m.ground_down - m.position[2] < _FLYING_HEIGHT and speed < _FLYING_SPEED
     if m.armed:
-        if t >= m.wind_next and not m.on_ground:
+        if not m.on_ground and t >= m.wind_next:
             estimate_wind(m, t)
         _act(m, t, h)
     for i in range(3):

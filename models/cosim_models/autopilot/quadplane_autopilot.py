@@ -114,6 +114,7 @@ class QuadplaneMode(IntEnum):
     RTL = 11
     LOITER = 12
     TAKEOFF = 13
+    AVOID_ADSB = 14
     GUIDED = 15
     QSTABILIZE = 17
     QHOVER = 18
@@ -125,8 +126,8 @@ class QuadplaneMode(IntEnum):
 
 
 _MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _FBWA, _FBWB, _CRUISE = map(int, list(QuadplaneMode)[:8])
-_AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED, _QSTABILIZE, _QHOVER, _QLOITER = map(int, list(QuadplaneMode)[8:16])
-_QLAND, _QRTL, _QACRO, _LOITER_ALT_QLAND = map(int, list(QuadplaneMode)[16:])
+_AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED = map(int, list(QuadplaneMode)[8:14])
+_QSTABILIZE, _QHOVER, _QLOITER, _QLAND, _QRTL, _QACRO, _LOITER_ALT_QLAND = map(int, list(QuadplaneMode)[14:])
 _KNOWN = tuple(map(int, QuadplaneMode))
 _BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA)
 _PILOTED = (*_BY_HAND, _FBWB, _CRUISE, _QSTABILIZE, _QACRO)
@@ -200,6 +201,9 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
         return MAV_RESULT_FAILED
     if mode == _LOITER_ALT_QLAND and (m.mode in _BY_ROTORS or m.mode in (_QLAND, _QRTL)):
         mode = _QLAND
+    there = distance_to(m, m.guided_position[0], m.guided_position[1]) < _ON_CIRCLE * m.WP_LOITER_RAD
+    if mode == _AVOID_ADSB and m.mode == _GUIDED and there and not m.on_ground:
+        tell_reached(m, 0)
     if mode == _AUTO:
         if m.mission_current == 0 or m.mission_done:
             m.mission_current = 1

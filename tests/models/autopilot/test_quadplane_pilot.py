@@ -177,6 +177,14 @@ def test_in_a_mode_of_the_rotors_it_lands_at_once() -> None:
     assert p.m.mode == QLAND
 
 
+def test_avoid_adsb_circles_on_the_wing() -> None:
+    p = aloft(15)
+    assert p.ask(SET_MODE, 1, 14) == ACCEPTED
+    assert p.last("MISSION_ITEM_REACHED").seq == 0
+    p.until(p.time + 20.0)
+    assert state(p) == mavlink.MAV_VTOL_STATE_FW
+
+
 @pytest.mark.parametrize("mode", [8, 22, 24, 26])
 def test_modes_that_it_does_not_have_are_refused(mode: int) -> None:
     p = aloft(QHOVER)

@@ -9,6 +9,7 @@ from typing import Any
 
 from cosim.kernel import kernel
 from cosim.messages import MAV_TYPE_GROUND_ROVER, MAV_TYPE_QUADROTOR, MAV_TYPE_SURFACE_BOAT
+from cosim_models.autopilot.gcs.rows import MODES_ROW
 from cosim_models.autopilot.gcs.sending import can_answer, send_defined
 from cosim_models.autopilot.link.available_modes import (
     AVAILABLE_MODES,
@@ -25,8 +26,10 @@ from cosim_models.autopilot.link.available_modes import (
     put_mode,
 )
 
-__all__ = ["MODES_INTERVAL", "send_modes"]
+__all__ = ["MODES_INTERVAL", "NEVER", "send_modes"]
 
+NEVER = 1e300
+"""When [s] modes are due that nobody has asked for."""
 MODES_INTERVAL = 0.1
 """Time [s] between modes that are told one after the other."""
 
@@ -47,6 +50,7 @@ def send_modes(m: Any, message: int) -> bool:
         m.payload[0] = 0
         return send_defined(m, AVAILABLE_MODES_MONITOR, MONITOR_CRC, MONITOR_LENGTH)
     if not m.modes_asked:
+        m.due[MODES_ROW] = NEVER
         return True
     if not can_answer(m):
         return False

@@ -67,8 +67,8 @@ from cosim.messages import (
 )
 from cosim.packets import clear
 from cosim_models.autopilot.gcs.devices import continue_repetition
-from cosim_models.autopilot.gcs.modes import MODES_INTERVAL, send_modes
-from cosim_models.autopilot.gcs.rows import MODES_ROW, ROWS, message_of, row_of
+from cosim_models.autopilot.gcs.modes import MODES_INTERVAL, NEVER, send_modes
+from cosim_models.autopilot.gcs.rows import MODES_ROW, ROWS, message_of
 from cosim_models.autopilot.gcs.sending import send
 from cosim_models.autopilot.gcs.sensors import put_sensed
 from cosim_models.autopilot.gcs.words import ARMED, DISARMED, say
@@ -252,7 +252,8 @@ def start_streams(m: Any) -> None:
     m.listed = -1
     m.told_mode = m.mode
     m.interval[0] = 1.0
-    m.interval[row_of(float(AVAILABLE_MODES))] = 0.0 if m.kind == MAV_TYPE_QUADROTOR else MODES_INTERVAL
+    m.interval[MODES_ROW] = 0.0 if m.kind == MAV_TYPE_QUADROTOR else MODES_INTERVAL
+    m.due[MODES_ROW] = NEVER
 
 
 @kernel
@@ -283,7 +284,7 @@ def stream(m: Any, t: float) -> None:
     soonest = t + 1.0
     for row in range(ROWS):
         interval = m.interval[row]
-        if interval <= 0.0 or (row == MODES_ROW and not m.modes_asked):
+        if interval <= 0.0:
             continue
         if t >= m.due[row] - _SLACK and send_message(m, row, t):
             m.due[row] += interval
