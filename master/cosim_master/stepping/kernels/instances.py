@@ -258,10 +258,15 @@ _AHEAD = 2
 
 @inlined
 def _expect(instances: NDArray[Any], i: Any, k: int) -> None:
-    """Prefetches the memory of instance `i`, if it has a function for that and is due."""
+    """Prefetches the memory of instance `i`, if it has a function for that and begins or ends a step."""
     m = instances[i]
-    if m.expect != np.uintp(0) and (m.period == 1 or k % m.period == 0):
-        expect(m.expect, m.handle)
+    if m.expect == np.uintp(0):
+        return
+    if m.period > 1:
+        since = k % m.period
+        if since != 0 and since + 1 != m.period:
+            return
+    expect(m.expect, m.handle)
 
 
 @inlined
