@@ -36,9 +36,13 @@ def _whole(name: str, start: int, description: str, minimum: int | None = None, 
     )
 
 
+_IN_ALL_STEPS = frozenset({"FENCE_ENABLE", "GUID_TIMEOUT", "PILOT_THR_FILT", "PILOT_Y_RATE_TC"})
+"""Parameters of rare features that all steps on the ground, in GUIDED or anywhere read nevertheless."""
+
+
 def _rare(*variables: Variable) -> tuple[Variable, ...]:
-    """Returns the variables declared rare: most steps do not read them."""
-    return tuple(replace(variable, rare=True) for variable in variables)
+    """Returns the variables, declared rare if most steps do not read them."""
+    return tuple(replace(variable, rare=variable.name not in _IN_ALL_STEPS) for variable in variables)
 
 
 def _rate_parameters(axis: str, name: str, p: float, i: float, d: float, error_filter: float) -> tuple[Variable, ...]:
