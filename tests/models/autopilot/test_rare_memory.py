@@ -1,7 +1,7 @@
 """Steps of the autopilot leave rare memory alone, on the ground and in flight.
 
-A line of memory that each step of thousands of drones reads, and that is not fetched with the others, costs as much as a
-tenth of the step.
+A line of memory that each step of thousands of drones reads, and that is not fetched with the others, costs as much as
+a tenth of the step.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Large pages for the memory of many instances.
 
-With thousands of drones, a step of an instance reads memory in pages that the processor has not used for long. It has to
-look up where they are, in tables that are not cached either. With pages of 2 MiB instead of 4 KiB, these tables are
+With thousands of drones, a step of an instance reads memory in pages that the processor has not used for long. It has
+to look up where they are, in tables that are not cached either. With pages of 2 MiB instead of 4 KiB, these tables are
 small enough. The data stays the same, and a system without large pages runs as before.
 """
 
