@@ -20,7 +20,7 @@ def test_any_calls_in_any_order(compiled_plant: Path, plant3: Path, tmp_path: Pa
     folder = Path(fmpy.extract(str(plant), str(tmp_path)))
     (library,) = (folder / "binaries").glob(f"{fmpy.platform if fmi == 2 else fmpy.platform_tuple}/*")
     guid = fmpy.read_model_description(str(plant)).guid
-    script = f"tests.cosim.call_order_fmi{fmi}"
+    script = f"tests.cosim.build.call_order_fmi{fmi}"
     command = [sys.executable, "-X", "faulthandler", "-m", script, str(library), guid, str(SEQUENCES)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-6000:]}"
