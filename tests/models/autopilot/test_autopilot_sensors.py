@@ -75,6 +75,20 @@ def test_without_gps_the_position_is_lost_and_the_vehicle_lands_where_the_wind_t
     assert copter.v["position"][1] > 8.0  # drifts
 
 
+def test_a_failsafe_that_changes_nothing_is_told() -> None:
+    """FS_EKF_ACTION 0 in GUIDED, as in LAND and modes without a position."""
+    copter = hovering(FS_EKF_ACTION=0)
+    put(copter, "SIM_GPS1_ENABLE", 0)
+    copter.run(9.0)
+    assert copter.m["mode"] == GUIDED
+    assert told(copter) == [(2, "EKF variance"), (2, "EKF Failsafe")]
+    copter.heard.clear()
+    put(copter, "SIM_GPS1_ENABLE", 1)
+    copter.run(1.5)
+    assert told(copter) == [(6, "EKF3 IMU0 is using GPS"), (2, "EKF Failsafe Cleared")]
+    assert copter.m["mode"] == GUIDED
+
+
 def test_gps_that_returns_clears_the_failsafe() -> None:
     copter = hovering()
     put(copter, "SIM_GPS1_ENABLE", 0)

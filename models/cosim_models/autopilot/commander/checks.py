@@ -23,6 +23,7 @@ from cosim_models.autopilot.link.statustext import (
     CRITICAL,
     EKF_ALT_HOLD,
     EKF_CLEARED,
+    EKF_FAILSAFE,
     EKF_LANDS,
     EKF_VARIANCE,
     EMERGENCY,
@@ -54,18 +55,17 @@ _FULL, _LITTLE = 0.9, 0.25  # throttle
 
 @kernel
 def _fail_estimate(m: Any, t: float) -> None:
-    """Acts on a lost position by FS_EKF_ACTION; LAND goes on without a position."""
+    """Acts on a lost position by FS_EKF_ACTION; LAND, and modes that need none, go on without a position."""
     m.ekf_failed = True
-    if m.mode == LAND or m.FS_EKF_ACTION == _REPORT:
-        return
-    if not needs_position(m.mode) and m.FS_EKF_ACTION != _ALWAYS:
+    idle = not needs_position(m.mode) and m.FS_EKF_ACTION != _ALWAYS
+    if idle or m.mode == LAND or m.FS_EKF_ACTION == _REPORT:
+        say(m, CRITICAL, EKF_FAILSAFE, NO_NUMBER)
         return
     if m.FS_EKF_ACTION == _ALT_HOLD and not m.radio_lost and set_mode(m, ALT_HOLD, t):
         say(m, CRITICAL, EKF_ALT_HOLD, NO_NUMBER)
     else:
         land_with_pause(m, t)
         say(m, CRITICAL, EKF_LANDS, NO_NUMBER)
-    m.ekf_acted = True
 
 
 @kernel
@@ -78,7 +78,7 @@ def _varies(m: Any) -> bool:
 def _watch_estimate(m: Any, t: float) -> None:
     if not m.armed or m.FS_EKF_THRESH <= 0.0:
         m.ekf_count = 0
-        m.ekf_failed = m.ekf_acted = False
+        m.ekf_failed = False
     elif m.position_lost or _varies(m):
         if m.ekf_failed:
             return
@@ -94,9 +94,8 @@ def _watch_estimate(m: Any, t: float) -> None:
     elif m.ekf_count > 0:
         m.ekf_count -= 1
         if m.ekf_count == 0 and m.ekf_failed:
-            if m.ekf_acted:
-                say(m, CRITICAL, EKF_CLEARED, NO_NUMBER)
-            m.ekf_failed = m.ekf_acted = False
+            say(m, CRITICAL, EKF_CLEARED, NO_NUMBER)
+            m.ekf_failed = False
 
 
 @kernel

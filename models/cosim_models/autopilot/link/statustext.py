@@ -89,6 +89,7 @@ __all__ = [
     "DRIFT_TOO_HIGH",
     "EKF_ALT_HOLD",
     "EKF_CLEARED",
+    "EKF_FAILSAFE",
     "EKF_LANDS",
     "EKF_VARIANCE",
     "EMERGENCY",
@@ -412,6 +413,7 @@ PREARM_RTL_RANGE = _part(b"PreArm: RTL_ALT_TYPE is above-terrain but RTL_ALT ", 
 PREARM_RTL_RANGE_END = _part(b"(in cm) above RNGFND_MAX (in metres)", 1)
 CRASHED = _text(b"Crash: Disarming: AngErr=%>30, Accel=~<3.0")
 EKF_ALT_HOLD = _text(b"EKF Failsafe: changed to ALT_HOLD Mode")
+EKF_FAILSAFE = _text(b"EKF Failsafe")
 EKF_CLEARED = _text(b"EKF Failsafe Cleared")
 EKF_LANDS = _text(b"EKF Failsafe: changed to LAND Mode")
 EKF_VARIANCE = _text(b"EKF variance")

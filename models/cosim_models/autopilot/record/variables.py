@@ -361,7 +361,6 @@ MEMORY = (
     Memory("height_ratio", rare=True),
     Memory("ekf_count", dtype="i4", rare=True),
     State("ekf_failed", type=bool, description="whether the fail-safe of the estimate is on"),
-    Memory("ekf_acted", dtype="?", rare=True),
     Memory("ekf_warned_at", rare=True),
     Memory("climb_error", rare=True),  # of the estimate, m/s
     Memory("climb_error_rate", rare=True),
