@@ -57,6 +57,7 @@ class Pilot:
         self.at = (math.nan, math.nan, math.nan)
         self.now, self.heading, self.mode, self.armed = 0.0, 0.0, -1, False
         self.first = math.inf
+        self.away = math.inf
 
     def look(self) -> None:
         time.sleep(0.02)
@@ -79,6 +80,12 @@ class Pilot:
                 acted = self.now
                 act()
 
+    def rests(self, place: tuple[float, float, float]) -> bool:
+        """Returns whether the drone has been within 0.1 m of a place for two seconds."""
+        if not math.dist(self.at, place) < 0.1:
+            self.away = self.now
+        return self.now > self.away + 2.0
+
     def send_to(self, place: tuple[float, float, float]) -> None:
         orientation = QUATERNION(0.0, 0.0, math.sin(0.25), math.cos(0.25))
         self.place.write(POSED(HEADER(TIME(0, 0), "map"), POSE(POINT(*place), orientation)))
@@ -91,7 +98,7 @@ class Pilot:
         rise = command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10)
         self.until(lambda: self.at[2] > 1.0, lambda: self.sink.write(rise))
         self.until(lambda: self.at[2] > 9.5, lambda: None)
-        self.until(lambda: math.dist(self.at, PLACE) < 0.1, lambda: self.send_to(PLACE))
+        self.until(lambda: self.rests(PLACE), lambda: self.send_to(PLACE))
         began, arrived, heading = self.now, self.at, self.heading
         west = TWISTED(HEADER(TIME(0, 0), "map"), TWIST(VECTOR(-2.0, 0.0, 0.0), still))
         self.until(lambda: self.now > began + 6.0, lambda: self.speed.write(west))

@@ -20,13 +20,16 @@ _COLLAPSE = 25
 
 
 def heap() -> tuple[int, int]:
-    """Returns the first address of the heap of this process, and that after it; equal if the system does not tell."""
+    """Returns the first address of the heap of this process, and that after it; equal if the system does not tell.
+
+    The system lists parts of the heap that it treats differently one after the other.
+    """
+    ends: list[int] = []
     if sys.platform == "linux":
         for line in Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace").splitlines():
             if line.endswith("[heap]"):
-                first, _, last = line.split()[0].partition("-")
-                return int(first, 16), int(last, 16)
-    return 0, 0
+                ends += [int(end, 16) for end in line.split()[0].split("-")]
+    return (min(ends), max(ends)) if ends else (0, 0)
 
 
 def use_large_pages(first: int, last: int) -> bool:

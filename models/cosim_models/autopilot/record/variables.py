@@ -374,7 +374,7 @@ MEMORY = (
     Memory("thrust_loss_since", rare=True),
     Memory("thrust_loss_seen", rare=True),  # time of the last step that looked like it
     Memory("lost_motor", dtype="i4", rare=True),
-    Memory("boosted", dtype="?", rare=True),  # the lost motor is left out of the limits of the others
+    Memory("boosted", dtype="?"),  # the lost motor is left out of the limits of the others
     Memory("boost_share", rare=True),  # by how much it is left out, 0 to 1
     Memory("unbalanced", dtype="?", rare=True),  # one motor gives much more than the mean
     Memory("yaw_integral", rare=True),  # mean of the integral of the yaw rate's controller
