@@ -13,7 +13,6 @@ from cosim_master.execution.run.instances import Instances
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.workers import threads_for
 from cosim_master.execution.startup.initialize import initialize
-from cosim_master.execution.startup.pages import heap, use_large_pages
 from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.network.radio.build import make_radio
@@ -32,9 +31,6 @@ from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
 __all__ = ["Setup", "Share", "open_run"]
-
-_WORTH_LARGE_PAGES = 1000
-"""Least number of native instances whose memory is moved into large pages, which takes up to 2 s for a GiB."""
 
 
 def _nothing(_: str) -> None:
@@ -130,9 +126,6 @@ def open_run(
         begun = checked if share is None else _without(checked, elsewhere)
         initialize(begun, slaves, clock.time(0), clock.time(clock.steps), event_mode.events)
     free = [i for i, one in enumerate(slaves) if one.library.thread_safe and not master.sequence]
-    if len(free) >= _WORTH_LARGE_PAGES:
-        with phase("large pages"):
-            use_large_pages(*heap())
     used = threads_for(len(free), setup.threads)
     plan = make_plan(
         layout,
