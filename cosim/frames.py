@@ -42,9 +42,11 @@ __all__ = [
     "normalize",
     "quaternion_from_euler",
     "radians_from_deg_e7",
+    "roll_pitch_from_quaternion",
     "rotate",
     "rotate_inverse",
     "wrap_pi",
+    "yaw_from_quaternion",
 ]
 
 Vector: TypeAlias = tuple[float, float, float] | NDArray[np.float64]
@@ -144,16 +146,33 @@ def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float,
 
 
 @kernel
-def euler_from_quaternion(q: Quaternion) -> tuple[float, float, float]:
-    """Returns roll and yaw in [-pi, pi] and pitch in [-pi/2, pi/2] of `q`, in rad; roll is 0 if vertical."""
+def roll_pitch_from_quaternion(q: Quaternion) -> tuple[float, float]:
+    """Returns roll in [-pi, pi] and pitch in [-pi/2, pi/2] of `q`, in rad; roll is 0 if vertical."""
     sine = 2.0 * (q[0] * q[2] - q[3] * q[1])
     if sine > _GIMBAL_LOCK:
-        return 0.0, 0.5 * math.pi, wrap_pi(-2.0 * math.atan2(q[1], q[0]))
+        return 0.0, 0.5 * math.pi
     if sine < -_GIMBAL_LOCK:
-        return 0.0, -0.5 * math.pi, wrap_pi(2.0 * math.atan2(q[1], q[0]))
+        return 0.0, -0.5 * math.pi
     roll = math.atan2(2.0 * (q[0] * q[1] + q[2] * q[3]), 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]))
-    yaw = math.atan2(2.0 * (q[0] * q[3] + q[1] * q[2]), 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3]))
-    return roll, math.asin(sine), yaw
+    return roll, math.asin(sine)
+
+
+@kernel
+def yaw_from_quaternion(q: Quaternion) -> float:
+    """Returns yaw in [-pi, pi] of `q`, in rad, with a roll of 0 if vertical."""
+    sine = 2.0 * (q[0] * q[2] - q[3] * q[1])
+    if sine > _GIMBAL_LOCK:
+        return wrap_pi(-2.0 * math.atan2(q[1], q[0]))
+    if sine < -_GIMBAL_LOCK:
+        return wrap_pi(2.0 * math.atan2(q[1], q[0]))
+    return math.atan2(2.0 * (q[0] * q[3] + q[1] * q[2]), 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3]))
+
+
+@kernel
+def euler_from_quaternion(q: Quaternion) -> tuple[float, float, float]:
+    """Returns roll and yaw in [-pi, pi] and pitch in [-pi/2, pi/2] of `q`, in rad; roll is 0 if vertical."""
+    roll, pitch = roll_pitch_from_quaternion(q)
+    return roll, pitch, yaw_from_quaternion(q)
 
 
 @kernel

@@ -130,7 +130,9 @@ def test_euler_angles_are_pymavlinks(roll: float, pitch: float, yaw: float) -> N
 @RUN
 @given(ANGLE, PITCH, ANGLE)
 def test_euler_round_trip(roll: float, pitch: float, yaw: float) -> None:
-    back = np.array(frames.euler_from_quaternion(frames.quaternion_from_euler(roll, pitch, yaw)))
+    q = frames.quaternion_from_euler(roll, pitch, yaw)
+    back = np.array(frames.euler_from_quaternion(q))
+    assert (*frames.roll_pitch_from_quaternion(q), frames.yaw_from_quaternion(q)) == tuple(back)
     tolerance = 4e-15 / math.cos(pitch) ** 2 + 1e-14
     np.testing.assert_allclose(np.exp(1j * back), np.exp(1j * np.array([roll, pitch, yaw])), atol=tolerance)
 
@@ -337,6 +339,8 @@ def results() -> dict[str, list[Any]]:
             keep(frames.rotate, convert(unit), convert(v))
             keep(frames.rotate_inverse, convert(unit), convert(v))
             keep(frames.euler_from_quaternion, convert(unit))
+            keep(frames.roll_pitch_from_quaternion, convert(unit))
+            keep(frames.yaw_from_quaternion, convert(unit))
             keep(frames.enu_from_ned, convert(v))
             keep(frames.ned_from_enu, convert(v))
         keep(frames.quaternion_from_euler, roll, pitch, yaw)

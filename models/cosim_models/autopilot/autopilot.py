@@ -23,7 +23,7 @@ from typing import Any, ClassVar
 from cosim import Model, kernel
 from cosim.frames import rotate
 from cosim_models.autopilot.commander.battery import drain
-from cosim_models.autopilot.commander.checks import watch_thrust
+from cosim_models.autopilot.commander.checks import watch_crash, watch_thrust
 from cosim_models.autopilot.commander.failsafes import watch
 from cosim_models.autopilot.commander.sensors import add_errors, fail_motors
 from cosim_models.autopilot.commander.switches import LAST_POSITION
@@ -225,6 +225,7 @@ def advance(m: Any, t: float, h: float) -> int:
         run_auto(m, t, h)
     run_mode(m, t, h)
     detect_landing(m, h)
+    watch_crash(m, t, h)
     watch_thrust(m, t, h)
     learn_hover_throttle(m, h)
     disarm_after_delay(m, t)

@@ -14,8 +14,9 @@ from benchmarks.flights import read
 from cosim_models.autopilot.autopilot import Autopilot
 from cosim_models.autopilot.commander import checks
 from cosim_models.autopilot.link.statustext import YAW_IMBALANCE
+from cosim_models.autopilot.record.modes import ACRO
 from cosim_models.vehicles.hexarotor import Hexarotor
-from tests.models.copter import RECORDED_AUTOPILOT, RECORDINGS, Copter
+from tests.models.copter import GUIDED, RECORDED_AUTOPILOT, RECORDINGS, Copter
 
 
 def put(copter: Copter, name: str, value: float) -> None:
@@ -138,6 +139,52 @@ def test_no_thrust_is_lost(change: dict[str, Any]) -> None:
         m[key] = value
     for k in range(800):
         checks.watch_thrust(m, 10.0 + 0.0025 * k, 0.0025)
+    assert m.text_count == 0
+
+
+# ---- crashes --------------------------------------------------------------------------------------------------------
+
+
+def tumbling(**change: Any) -> Any:
+    """Returns the record of a vehicle that leans by 40 degrees where it should be level, and falls at 5 m/s."""
+    m: Any = Autopilot.record()
+    half = 0.5 * math.radians(40.0)
+    m.q[0], m.q[1] = math.cos(half), math.sin(half)
+    m.thrust_error, m.armed, m.on_ground, m.FS_CRASH_CHECK, m.mode = half * 2.0, True, False, 1, GUIDED
+    m.velocity_neu[2], m.land_acceleration_neu[2] = -5.0, -2.0
+    for key, value in change.items():
+        m[key] = value
+    return m
+
+
+def test_one_good_step_begins_the_two_seconds_of_a_crash_anew() -> None:
+    """ArduCopter looks in each step of its main loop, 400 times a second: 799 bad ones are no crash, 800 are."""
+    m, h = tumbling(), 0.0025
+    for k in range(1, 1560):
+        m.thrust_error = math.radians(29.0 if k == 760 else 40.0)
+        checks.watch_crash(m, 10.0 + k * h, h)
+    assert m.armed and m.text_count == 0
+    checks.watch_crash(m, 10.0 + 1560 * h, h)
+    assert not m.armed and m.text_count > 0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"thrust_error": math.radians(30.0)},
+        {"on_ground": True},
+        {"armed": False},
+        {"FS_CRASH_CHECK": 0},
+        {"mode": ACRO},
+        {"velocity_neu": (0.0, 0.0, -10.0)},
+        {"land_acceleration_neu": (0.0, 0.0, -3.0)},
+        {"q": (math.cos(math.radians(7.0)), math.sin(math.radians(7.0)), 0.0, 0.0)},
+    ],
+)
+def test_no_crash(change: dict[str, Any]) -> None:
+    m = tumbling(**change)
+    for k in range(1200):
+        checks.watch_crash(m, 10.0 + 0.0025 * k, 0.0025)
     assert m.text_count == 0
 
 

@@ -1,4 +1,4 @@
-"""Checks in flight: lost thrust in each step; a lost estimate, vibration, a crash, unbalanced yaw ten times a second.
+"""Checks in flight: crash and lost thrust in each step; lost estimate, vibration, unbalanced yaw ten times a second.
 
 Kernels over the autopilot's record `m`.
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import roll_pitch_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.commander.actions import land_with_pause
 from cosim_models.autopilot.control.motors import boost_thrust
@@ -37,13 +37,13 @@ from cosim_models.autopilot.link.statustext import (
 )
 from cosim_models.autopilot.record.modes import ACRO, ALT_HOLD, FLIP, LAND, STABILIZE
 
-__all__ = ["watch_flight", "watch_thrust"]
+__all__ = ["watch_crash", "watch_flight", "watch_thrust"]
 
 _COUNT = 10  # of checks in a row
 _WARN_AGAIN = 30.0  # s
 _VIBRATES, _VIBRATED = 1.0, 15.0  # s
 _REPORT, _ALT_HOLD, _ALWAYS = 0, 2, 3  # FS_EKF_ACTION
-_CRASH = 20  # checks in a row
+_CRASHED = 2.0  # s
 _PERIOD, _EARLY = 0.1, 1e-9  # s
 _THRUST_LOST = 1.0  # s
 _LEVEL = math.radians(15.0)
@@ -105,26 +105,20 @@ def _upright(q: Any) -> float:
 
 
 @kernel
-def _watch_crash(m: Any) -> None:
-    """Disarms a vehicle that has been tilted, still and slow for 2 s."""
+def watch_crash(m: Any, t: float, dt: float) -> None:
+    """Disarms a vehicle that has been tilted, still and slow for 2 s; called in each step."""
+    if m.thrust_error <= _WRONG or m.on_ground or m.FS_CRASH_CHECK == 0 or m.mode == ACRO or m.mode == FLIP:
+        return
     a, v = m.land_acceleration_neu, m.velocity_neu
     still = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
     fast = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    if (
-        m.on_ground
-        or m.FS_CRASH_CHECK == 0
-        or m.mode == ACRO
-        or m.mode == FLIP
-        or still >= _STILL
-        or fast >= _FAST
-        or m.thrust_error <= _WRONG
-        or _upright(m.q) >= _LEANS
-    ):
-        m.crash_count = 0
+    if still >= _STILL or fast >= _FAST or _upright(m.q) >= _LEANS or not m.armed:
         return
-    m.crash_count += 1
-    if m.crash_count >= _CRASH:
-        m.crash_count = 0
+    if t - m.crash_seen > 1.5 * dt:
+        m.crash_since = t - dt
+    m.crash_seen = t
+    if t - m.crash_since >= _CRASHED - _EARLY:
+        m.crash_seen = 0.0
         error = int(math.degrees(m.thrust_error) + 0.5)
         say_with(m, EMERGENCY, CRASHED, error, int(10.0 * still + 0.5))
         disarm(m)
@@ -139,7 +133,7 @@ def watch_thrust(m: Any, t: float, dt: float) -> None:
     if m.on_ground or m.boosted or not (m.limit_throttle_upper or m.throttle_in >= _FULL):
         return
     q = m.attitude_target
-    roll, pitch, _ = euler_from_quaternion((float(q[0]), float(q[1]), float(q[2]), float(q[3])))
+    roll, pitch = roll_pitch_from_quaternion((float(q[0]), float(q[1]), float(q[2]), float(q[3])))
     if roll * roll + pitch * pitch > _LEVEL * _LEVEL or m.throttle_in < _LITTLE:
         return
     if m.velocity_neu[2] >= 0.0 or m.thrust_error >= _WRONG or not m.armed:
@@ -196,8 +190,6 @@ def watch_flight(m: Any, t: float) -> None:
     if m.sim_on or m.vibration_failsafe:
         _watch_vibration(m, t)
     if not m.armed:
-        m.crash_count = 0
         m.yaw_integral = 0.0
         return
-    _watch_crash(m)
     _watch_yaw(m, t)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import conjugate, euler_from_quaternion, multiply, rotate
+from cosim.frames import conjugate, multiply, rotate, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.pid import INTEGRAL, pid
 from cosim_models.autopilot.control.shaping import (
@@ -171,7 +171,7 @@ def follow_heading(m: Any, n: float, e: float, d: float, heading: float, heading
 def follow_yaw_rate(m: Any, n: float, e: float, d: float, rate: float, dt: float) -> None:
     """Performs one step towards thrust along (n, e, d) [NED] with yaw rate `rate` [rad/s]."""
     _advance_target(m, dt)
-    heading = euler_from_quaternion(_target(m))[2]
+    heading = yaw_from_quaternion(_target(m))
     _shape_tilt(m, attitude_from_thrust(n, e, d, heading), dt)
     step = m.ATC_ACCEL_Y_MAX * _CDEG * dt
     if m.ATC_RATE_Y_MAX > 0.0:
@@ -183,7 +183,7 @@ def follow_yaw_rate(m: Any, n: float, e: float, d: float, rate: float, dt: float
 @kernel
 def lean_to(m: Any, roll: float, pitch: float, rate: float, dt: float) -> None:
     """Performs one step towards Euler angles `roll` and `pitch` [rad] with yaw rate `rate` [rad/s]."""
-    heading = euler_from_quaternion(_target(m))[2]
+    heading = yaw_from_quaternion(_target(m))
     c, s = math.cos(heading), math.sin(heading)
     forward = -math.sin(pitch) * math.cos(roll)
     right = math.sin(roll)
@@ -368,7 +368,7 @@ def relax_yaw(m: Any) -> None:
     """Sets the target's heading to the body's and its yaw rate to zero."""
     target = _target(m)
     body = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
-    turn = 0.5 * (euler_from_quaternion(body)[2] - euler_from_quaternion(target)[2])
+    turn = 0.5 * (yaw_from_quaternion(body) - yaw_from_quaternion(target))
     _set_target(m, multiply((math.cos(turn), 0.0, 0.0, math.sin(turn)), target))
     m.rate_target[2] = 0.0
 

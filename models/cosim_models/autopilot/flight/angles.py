@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.attitude import (
     follow_attitude,
@@ -42,7 +42,7 @@ _TIMEOUT_MIN = 0.1  # s
 def level_out(m: Any) -> None:
     """Demands a level attitude with the heading of the attitude target, and no climb."""
     q = m.attitude_target
-    heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
+    heading = yaw_from_quaternion((q[0], q[1], q[2], q[3]))
     m.angle_q[0], m.angle_q[1], m.angle_q[2], m.angle_q[3] = math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)
     m.angle_free = False
     for i in range(3):

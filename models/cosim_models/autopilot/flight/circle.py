@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.position import (
     control_ne,
@@ -35,7 +35,7 @@ def begin_circle(m: Any, by_heading: bool) -> None:
 
     Requires m.circle_centre, _radius and _rate.
     """
-    heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+    heading = yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
     c, p = m.circle_centre, m.desired_position_neu
     if m.circle_radius <= 0.0:
         m.circle_angle = heading
@@ -57,7 +57,7 @@ def nearest_on_circle(m: Any, up: float) -> tuple[float, float, float]:
     if m.circle_radius <= 0.0:
         return c[0], c[1], distance
     if distance == 0.0:
-        heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+        heading = yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
         return c[0] - m.circle_radius * math.cos(heading), c[1] - m.circle_radius * math.sin(heading), distance
     return c[0] + n / distance * m.circle_radius, c[1] + e / distance * m.circle_radius, distance
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.attitude import follow_yaw_rate, forget_torques, relax_yaw
 from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED
@@ -381,7 +381,7 @@ def _reposition(m: Any) -> tuple[float, float]:
     forward, right = m.pilot_stick[0], m.pilot_stick[1]
     if not m.rc_known or m.LAND_REPOSITION == 0 or (forward == 0.0 and right == 0.0):
         return 0.0, 0.0
-    heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+    heading = yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
     c, s = math.cos(heading), math.sin(heading)
     n, e = forward * c - right * s, forward * s + right * c
     edge = math.sqrt(n * n + e * e) / max(abs(n), abs(e))  # edge of the square of stick positions in this direction

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.attitude import follow_yaw_rate, forget_torques, relax_yaw, shape_angle
 from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED
@@ -222,7 +222,7 @@ def lean_for(m: Any, n: float, e: float) -> tuple[float, float]:
     if n == 0.0 and e == 0.0:
         return 0.0, 0.0
     q = m.q
-    heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
+    heading = yaw_from_quaternion((q[0], q[1], q[2], q[3]))
     c, s = math.cos(heading), math.sin(heading)
     pitch = -math.atan((n * c + e * s) / GRAVITY)
     return math.atan((e * c - n * s) * math.cos(pitch) / GRAVITY), pitch
@@ -232,7 +232,7 @@ def lean_for(m: Any, n: float, e: float) -> tuple[float, float]:
 def _acceleration_of(m: Any, roll: float, pitch: float) -> tuple[float, float]:
     """Returns the north and east acceleration at constant height for a lean [rad] with the current heading."""
     q = m.q
-    heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
+    heading = yaw_from_quaternion((q[0], q[1], q[2], q[3]))
     up = max(math.cos(roll) * math.cos(pitch), 0.1)
     forward = -GRAVITY * math.sin(pitch) * math.cos(roll) / up
     right = GRAVITY * math.sin(roll) / up
@@ -331,7 +331,7 @@ def start_circle(m: Any) -> None:
     """Begins a circle whose centre is CIRCLE_RADIUS ahead of the stopping point."""
     standard_limits(m)
     use_pilot_limits(m)
-    heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+    heading = yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
     stop_ne(m)
     initialise_up(m)
     _take_circle(m)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED, mix_towards
 from cosim_models.autopilot.control.shaping import lowpass_alpha
@@ -93,7 +93,7 @@ def arm(m: Any, t: float) -> None:
     m.arming_delay = True
     m.auto_armed = False
     m.idle_since = t
-    m.armed_heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+    m.armed_heading = yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
     if not m.home_locked:
         for i in range(3):
             m.home_neu[i] = m.position_neu[i]

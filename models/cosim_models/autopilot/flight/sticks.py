@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from cosim.fields import get_real
-from cosim.frames import euler_from_quaternion
+from cosim.frames import yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import RC_CHANNELS_OVERRIDE_CHAN1_RAW, RC_CHANNELS_OVERRIDE_CHAN9_RAW, decode_manual_control
 from cosim.model import record_layout
@@ -359,6 +359,6 @@ def pilot_tilt(m: Any, lean_max: float, lean_limit: float, t: float) -> tuple[fl
     """Returns `pilot_heading_thrust` as north and east, using the heading of the attitude target."""
     forward, right = pilot_heading_thrust(m, lean_max, lean_limit, t)
     q = m.attitude_target
-    heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
+    heading = yaw_from_quaternion((q[0], q[1], q[2], q[3]))
     c, s = math.cos(heading), math.sin(heading)
     return forward * c - right * s, forward * s + right * c

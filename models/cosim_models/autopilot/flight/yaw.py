@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
@@ -47,7 +47,7 @@ _TURNED = math.radians(2.0)
 
 @kernel
 def _heading(q: Any) -> float:
-    return float(euler_from_quaternion((q[0], q[1], q[2], q[3]))[2])
+    return float(yaw_from_quaternion((q[0], q[1], q[2], q[3])))
 
 
 # ---- selection by modes and commands -------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from cosim.frames import deg_e7, euler_from_quaternion, geodetic_from_local
+from cosim.frames import deg_e7, geodetic_from_local, roll_pitch_from_quaternion, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import (
     ATTITUDE,
@@ -104,7 +104,7 @@ def ready(m: Any, t: float) -> bool:
 @kernel
 def heading(m: Any) -> float:
     """Returns the heading [rad], clockwise from north."""
-    return euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))[2]
+    return yaw_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
 
 
 @kernel
@@ -205,7 +205,7 @@ def _send_motion(m: Any, row: int, t: float) -> bool:
     elif message == LOCAL_POSITION_NED:
         encode_local_position_ned(m.payload, milliseconds, p[0], p[1], p[2], v[0], v[1], v[2])
     elif message == ATTITUDE:
-        roll, pitch, _ = euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+        roll, pitch = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
         w = m.angular_velocity
         encode_attitude(m.payload, milliseconds, roll, pitch, heading(m), w[0], w[1], w[2])
     elif message == ATTITUDE_QUATERNION:

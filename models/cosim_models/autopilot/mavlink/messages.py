@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.frames import deg_e7, euler_from_quaternion, geodetic_from_local
+from cosim.frames import deg_e7, euler_from_quaternion, geodetic_from_local, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import (
     AHRS,
@@ -347,7 +347,7 @@ def _send_global_position(m: Any, t: float) -> bool:
     lat, lon, alt = 0, 0, 0.0
     if home_ready(m, t):
         lat, lon, alt = _place(m)
-    heading = math.degrees(euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]) % 360.0
+    heading = math.degrees(yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))) % 360.0
     encode_global_position_int(
         m.payload,
         milliseconds(t),
@@ -366,7 +366,7 @@ def _send_global_position(m: Any, t: float) -> bool:
 @kernel
 def _send_vfr_hud(m: Any) -> bool:
     speed = math.sqrt(m.velocity_neu[0] * m.velocity_neu[0] + m.velocity_neu[1] * m.velocity_neu[1])
-    heading = int(math.degrees(euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]) % 360.0)
+    heading = int(math.degrees(yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))) % 360.0)
     throttle = 0 if m.spool_state <= GROUND_IDLE else int(m.throttle_out * 100.0)
     encode_vfr_hud(m.payload, speed, speed, heading, throttle, m.origin_altitude + m.position_neu[2], m.velocity_neu[2])
     return send(m, VFR_HUD)

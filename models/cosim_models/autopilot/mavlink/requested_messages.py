@@ -12,13 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import (
-    deg_e7,
-    euler_from_quaternion,
-    geodetic_from_local,
-    local_from_geodetic,
-    radians_from_deg_e7,
-)
+from cosim.frames import deg_e7, geodetic_from_local, local_from_geodetic, radians_from_deg_e7, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import (
     ATTITUDE_QUATERNION,
@@ -123,7 +117,7 @@ def _place(m: Any) -> tuple[int, int, float]:
 @kernel
 def _heading(m: Any) -> float:
     """Returns the heading [deg], 0 to 360."""
-    return float(math.degrees(euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]) % 360.0)
+    return float(math.degrees(yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))) % 360.0)
 
 
 @kernel

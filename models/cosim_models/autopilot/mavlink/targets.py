@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion, local_from_geodetic, radians_from_deg_e7
+from cosim.frames import local_from_geodetic, radians_from_deg_e7, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import (
     ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE,
@@ -216,7 +216,7 @@ def hear_local_target(m: Any, t: float) -> None:
         return
     body = frame >= 8
     if body:
-        heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+        heading = yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
         c, s = math.cos(heading), math.sin(heading)
         x, y = x * c - y * s, x * s + y * c
         vx, vy = vx * c - vy * s, vx * s + vy * c

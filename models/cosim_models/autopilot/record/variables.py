@@ -370,7 +370,8 @@ MEMORY = (
     Memory("vibrates_since", rare=True),
     Memory("vibrated_at", rare=True),
     State("vibration_failsafe", type=bool, description="whether the height is controlled without the accelerometer"),
-    Memory("crash_count", dtype="i4", rare=True),
+    Memory("crash_since", rare=True),
+    Memory("crash_seen", rare=True),  # time of the last step that looked like it
     Memory("thrust_loss_since", rare=True),
     Memory("thrust_loss_seen", rare=True),  # time of the last step that looked like it
     Memory("lost_motor", dtype="i4", rare=True),

@@ -18,7 +18,7 @@ from dataclasses import replace
 from typing import Any
 
 from cosim import Memory, Variable
-from cosim.frames import euler_from_quaternion, wrap_pi
+from cosim.frames import roll_pitch_from_quaternion, wrap_pi, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import MAV_RESULT_ACCEPTED, MAV_RESULT_DENIED, MAV_RESULT_FAILED, MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import angle, real
@@ -98,7 +98,7 @@ def launch(m: Any, down: float) -> None:
     """Begins the take-off along the present heading, up to a down coordinate."""
     go_to(m, m.position[0], m.position[1], down)
     m.taking_off = True
-    m.runway = euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))[2]
+    m.runway = yaw_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
 
 
 @kernel
@@ -109,7 +109,7 @@ def clip(value: float, least: float, most: float) -> float:
 @kernel
 def servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None:
     """Commands the deflections for a bank and a pitch [rad], and the throttle."""
-    roll, nose, _ = euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+    roll, nose = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
     p, q, r = float(m.angular_velocity[0]), float(m.angular_velocity[1]), float(m.angular_velocity[2])
     speed = max(math.sqrt(m.velocity[0] ** 2 + m.velocity[1] ** 2 + m.velocity[2] ** 2), 5.0)
     turn = _GRAVITY * math.tan(clip(roll, -1.0, 1.0)) / speed  # rad/s of a level turn

@@ -18,7 +18,7 @@ import math
 from typing import Any
 
 from cosim import Memory
-from cosim.frames import euler_from_quaternion, wrap_pi
+from cosim.frames import euler_from_quaternion, roll_pitch_from_quaternion, wrap_pi, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import angle, real
 from cosim_models.autopilot.wing.flight import clip, rest, servos
@@ -99,7 +99,7 @@ def _command(m: Any, thrust: float) -> float:
 @kernel
 def _lean(m: Any, roll: float, pitch: float, turn: float, lift: float, share: float, h: float) -> None:
     """Commands the rotors: roll and pitch [rad], rate of yaw [rad/s], mean thrust, and the share of the torques."""
-    now_roll, now_pitch, _ = euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+    now_roll, now_pitch = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
     lean_by_rates(m, m.Q_A_ANG_RLL_P * (roll - now_roll), m.Q_A_ANG_RLL_P * (pitch - now_pitch), turn, lift, share, h)
 
 
@@ -141,7 +141,7 @@ def _climb_to(m: Any, d: float) -> float:
 
 @kernel
 def _heading(m: Any) -> float:
-    return float(euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))[2])
+    return float(yaw_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3])))
 
 
 @kernel

@@ -21,7 +21,7 @@ import math
 from typing import Any
 
 from cosim import Memory
-from cosim.frames import euler_from_quaternion
+from cosim.frames import roll_pitch_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import angle, real, whole
 from cosim_models.autopilot.gcs.sticks import PITCH, ROLL, YAW, deflection, opening, tilt
@@ -118,7 +118,7 @@ def _rates(m: Any, roll: float, pitch: float, h: float) -> None:
 @kernel
 def _train(m: Any, throttle: float, t: float, h: float) -> None:
     """Passes the sticks on within the limits of bank and pitch, and holds these limits beyond them."""
-    roll, pitch, _ = euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+    roll, pitch = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
     bank = math.radians(m.ROLL_LIMIT_DEG)
     low, high = -math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG)
     servos(m, clip(roll, -bank, bank), clip(pitch, low, high), throttle, h)

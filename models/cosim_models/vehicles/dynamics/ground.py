@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.vehicles.dynamics.rigid_body import Quaternion, Vector
 
@@ -97,6 +97,6 @@ def held(position: Vector, velocity: Vector, q: Quaternion, ground: float) -> tu
         q: attitude.
         ground: down coordinate at which the vehicle stands [m].
     """
-    half = 0.5 * euler_from_quaternion(q)[2]
+    half = 0.5 * yaw_from_quaternion(q)
     place, climb = (position[0], position[1], ground), (0.0, 0.0, min(velocity[2], 0.0))
     return place, climb, (cos(half), 0.0, 0.0, sin(half))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import euler_from_quaternion, roll_pitch_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.attitude import follow_rates, forget_torques, relax_attitude
 from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED
@@ -39,7 +39,7 @@ def _back_within(m: Any, angle: float, accel_max: float, dt: float) -> float:
 def _level(m: Any, roll: float, pitch: float, yaw: float, dt: float) -> None:
     """Adds the trainer's angular velocities to m.angle_rates; roll, pitch and yaw are the sticks, -1 to 1."""
     q = m.attitude_target
-    phi, theta, _ = euler_from_quaternion((q[0], q[1], q[2], q[3]))
+    phi, theta = roll_pitch_from_quaternion((q[0], q[1], q[2], q[3]))
     phi_rate = -clip(wrap_pi(phi), -_LEVELLING_MAX, _LEVELLING_MAX) * m.ACRO_BAL_ROLL
     theta_rate = -clip(wrap_pi(theta), -_LEVELLING_MAX, _LEVELLING_MAX) * m.ACRO_BAL_PITCH
     limited = m.ACRO_TRAINER == _LIMITED

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion, quaternion_from_euler
+from cosim.frames import euler_from_quaternion, quaternion_from_euler, roll_pitch_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.attitude import follow_attitude, follow_rates
 from cosim_models.autopilot.control.motors import THROTTLE_UNLIMITED
@@ -93,7 +93,7 @@ def run_flip(m: Any, t: float, dt: float) -> int:
         return int(m.flip_from)
     m.spool_wanted = THROTTLE_UNLIMITED
     throttle = pilot_throttle(m, t)
-    phi, theta, _ = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
+    phi, theta = roll_pitch_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
     if m.flip_stage == _RECOVERING:
         w = quaternion_from_euler(m.flip_angles[0], m.flip_angles[1], m.flip_angles[2])
         m.angle_q[0], m.angle_q[1], m.angle_q[2], m.angle_q[3] = w

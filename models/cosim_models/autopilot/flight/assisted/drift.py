@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.attitude import forget_torques, lean_to, relax_yaw
 from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED
@@ -63,7 +63,7 @@ def run_drift(m: Any, t: float, dt: float) -> None:
     most = math.radians(0.01 * m.ANGLE_MAX)
     roll, pitch = pilot_lean(m, most, most, t)
     q = m.q
-    heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
+    heading = yaw_from_quaternion((q[0], q[1], q[2], q[3]))
     c, s = math.cos(heading), math.sin(heading)
     vn, ve = m.velocity_neu[0], m.velocity_neu[1]
     forward, right = vn * c + ve * s, ve * c - vn * s

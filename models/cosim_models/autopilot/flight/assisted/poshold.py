@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.attitude import lean_to
 from cosim_models.autopilot.control.position import GRAVITY, initialise_up, relax_ne, soften_for_landing, stop_ne
@@ -76,7 +76,7 @@ def _forget_wind(m: Any) -> None:
 def _body(m: Any, n: float, e: float) -> tuple[float, float]:
     """Returns the parts of a horizontal vector forward and right."""
     q = m.q
-    heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
+    heading = yaw_from_quaternion((q[0], q[1], q[2], q[3]))
     c, s = math.cos(heading), math.sin(heading)
     return n * c + e * s, e * c - n * s
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion
+from cosim.frames import euler_from_quaternion, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.attitude import face, lean_to
 from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED
@@ -198,7 +198,7 @@ def _say_axes(m: Any, text: int) -> None:
 
 @kernel
 def _heading(m: Any) -> float:
-    return euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+    return yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
 
 
 @kernel
