@@ -2,7 +2,8 @@
 
 ARDUPILOT_SITL names a program beside which `ardurover` and `arduplane` lie. The questions are those of
 `benchmarks.wire`; "air" means armed in GUIDED: a rover that stands, a plane that circles, a quadplane that hovers.
-Words count as equal whatever measured number with a decimal point they tell ("Transition started airspeed 0.4").
+Words count as equal whatever measured number with a decimal point they tell ("Transition started airspeed 0.4"). Our
+quadplane has ArduPlane's Q_GUIDED_MODE 0. Before each question, the firmware is listened to until it is silent.
 
     ARDUPILOT_SITL=... python -m benchmarks.wire_others [rover|plane|quadplane ...] [--json FILE]
 """
@@ -14,15 +15,15 @@ import re
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from benchmarks.report import machine, show, write
-from benchmarks.wire import Answer, differs, heard, restore, told
-from benchmarks.wire_questions import AIR, QUESTIONS, Question, long
+from benchmarks.wire import BESIDE, Answer, differs, heard, restore, told
+from benchmarks.wire_questions import AIR, GROUND, QUESTIONS, Question, long
 from cosim import Model
 from cosim_models.autopilot.plane_autopilot import PlaneAutopilot
 from cosim_models.autopilot.quadplane_autopilot import QuadplaneAutopilot
@@ -37,6 +38,10 @@ from tests.models.real_copter import READY, RealCopter
 TAKEOFF = (22, 0, 0, 0, 0, 0, 0, 20.0)
 SILENCE = mavlink.MAVLink_request_data_stream_message(1, 1, 0, 0, 0)
 """ArduRover and ArduPlane stream at 1 Hz before they are asked."""
+HOME = {"HOME_POSITION", "GPS_GLOBAL_ORIGIN"}
+"""Messages that ArduPlane repeats every 6 s, unasked, while it is disarmed."""
+PATIENCE = 12
+"""Times of 1.2 s in which a firmware has to become silent: it waits for the items of an upload for 8 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +60,7 @@ class Kind:
     firmware: str
     body: dict[str, Any]
     begin: tuple[tuple[tuple[float, ...], float], ...]
-    guided: int = 15
+    pilot: dict[str, Any] = field(default_factory=dict)
 
 
 KINDS = {
@@ -73,6 +78,7 @@ KINDS = {
         "ArduPlane",
         preset("ardupilot_quadplane"),
         (((176, 1, 15), 0.5), ((400, 1), 0.5), (TAKEOFF, 20.0)),
+        {"Q_GUIDED_MODE": 0},
     ),
 }
 
@@ -114,7 +120,7 @@ def ask_ours(kind: Kind) -> dict[str, Answer]:
     """Asks our autopilot on the default vehicle; each question finds the same state."""
     answers: dict[str, Answer] = {}
     for state in dict.fromkeys(question.state for question in QUESTIONS):
-        pair = Ours(kind.vehicle, kind.autopilot)
+        pair = Ours(kind.vehicle, kind.autopilot, pilot=kind.pilot)
         pair.run(3.0)
         if state == AIR:
             for command, wait in kind.begin:
@@ -169,10 +175,14 @@ def ask_real(kind: Kind, folder: Path) -> dict[str, Answer]:
                 one = begun(kind, folder / f"{state}{number}", state)
                 before = state_of(one)
             try:
-                answers[question.name] = heard(one, question)
+                answer = answers[question.name] = heard(one, question)
+                if state == GROUND:
+                    unasked = HOME - set(question.reply or ())
+                    reply = tuple(name for name in answer.reply if name not in unasked)
+                    answers[question.name] = Answer(answer.result, answer.texts, reply)
                 if question.name.startswith("SET_MESSAGE_INTERVAL"):
                     one.send(*(long(511, number, -1) for number in (30, 31, 33, 83, 105, 100, 132)))
-                same = state_of(one) == before
+                same = state_of(one) == before and not any(text.startswith("Transition") for text in answer.texts)
             except (TimeoutError, RuntimeError) as error:
                 answers[question.name] = Answer(None, (f"stopped: {str(error)[:60]}",), ())
                 same = False
@@ -185,9 +195,12 @@ def ask_real(kind: Kind, folder: Path) -> dict[str, Answer]:
 
 
 def state_of(one: RealCopter) -> tuple[int, bool]:
-    """Mode and whether it is armed, by the next HEARTBEAT."""
-    one.heard.clear()
-    one.run(1.2)
+    """Mode and whether it is armed, by the next HEARTBEAT, when the firmware is silent again."""
+    for _ in range(PATIENCE):
+        one.heard.clear()
+        one.run(1.2)
+        if {message.get_type() for _, message in one.heard} <= BESIDE | HOME:
+            break
     beat = one.messages("HEARTBEAT")[-1]
     return int(beat.custom_mode), bool(beat.base_mode & 128)
 

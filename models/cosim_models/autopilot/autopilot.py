@@ -47,13 +47,14 @@ from cosim_models.autopilot.mavlink.status_messages import going
 from cosim_models.autopilot.mavlink.telemetry import start_streams, telemetry
 from cosim_models.autopilot.mission.missions import forget_jumps
 from cosim_models.autopilot.mission.terrain import look_down, start_ranging
-from cosim_models.autopilot.record.memory import forget
+from cosim_models.autopilot.record.memory import forgetting
 from cosim_models.autopilot.record.modes import AUTO
 from cosim_models.autopilot.record.variables import VARIABLES
 
 __all__ = ["Autopilot"]
 
 _STEP = 0.0025
+_forget = forgetting(VARIABLES, ("mission", "mission_count", "fence", "fence_count", "rally", "rally_count"))
 _BOOT_TIME = 1.0  # s from a reboot to the first HEARTBEAT
 _NO_MIXER, _BAD_SYSID, _NOT_FINITE, _BAD_GAIN, _BAD_LEAN = 1, 2, 3, 4, 5
 
@@ -171,7 +172,7 @@ def _reboot(m: Any, t: float) -> tuple[int, float]:
         return 0, t
     began = m.booted_at + t
     load_gains(m, BEFORE)  # those of a tune are not stored
-    forget(m)
+    _forget(m)
     forget_jumps(m)
     error = start(m)
     m.booted_at = began

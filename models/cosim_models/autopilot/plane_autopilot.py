@@ -52,6 +52,7 @@ from cosim_models.autopilot.gcs.missions import (
     tell_reached,
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
+from cosim_models.autopilot.gcs.rebooting import rebooting
 from cosim_models.autopilot.gcs.record import MISSION, pilot_variables
 from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
@@ -294,7 +295,7 @@ def start(m: Any) -> int:
         return _BAD_GAIN
     m.kind = MAV_TYPE_FIXED_WING
     m.on_ground = True
-    m.mission_count = 1
+    m.mission_count = max(m.mission_count, 1)  # a reboot keeps it
     m.item_since = -1.0
     home_here(m)
     rest(m)
@@ -303,10 +304,18 @@ def start(m: Any) -> int:
     return 0
 
 
+_reboot = rebooting(VARIABLES, start)
+
+
 @kernel
 def advance(m: Any, t: float, h: float) -> int:
     """Makes one step: inputs at t, commands for t + h."""
     m.mavlink_tx_len = 0
+    t -= m.booted_at
+    if m.rebooting:
+        error, t, silent = _reboot(m, t)
+        if silent:
+            return error
     if m.mavlink_rx_len > 0:
         _receive(m, t)
     if not m.armed:

@@ -40,11 +40,13 @@ from cosim.messages import (
     MAV_RESULT_UNSUPPORTED,
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_NOTICE,
+    MAV_SEVERITY_WARNING,
     MAV_TYPE_FIXED_WING,
     MAV_TYPE_VTOL_QUADROTOR,
 )
 from cosim.vehicle import Airframe
 from cosim_models.autopilot.gcs.commands import firmware, receiver, told
+from cosim_models.autopilot.gcs.devices import continue_motor_test
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
     continue_upload,
@@ -54,11 +56,24 @@ from cosim_models.autopilot.gcs.missions import (
     tell_reached,
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
-from cosim_models.autopilot.gcs.record import MISSION, pilot_variables, real, whole
+from cosim_models.autopilot.gcs.rebooting import rebooting
+from cosim_models.autopilot.gcs.record import HOLD, MISSION, POSITION, pilot_variables, real, whole
 from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, stream
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
-from cosim_models.autopilot.gcs.words import MISSION_COMPLETE, TAKEOFF_GUIDED, TRANSITION_AUTO, say
+from cosim_models.autopilot.gcs.words import (
+    FLYING,
+    LANDED,
+    MISSION_COMPLETE,
+    NEAR,
+    NO_AUTOLAND,
+    NOT_ARMED,
+    NOT_FLYING,
+    TAKEOFF_GUIDED,
+    TRANSITION_AUTO,
+    say,
+    say_figures,
+)
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
@@ -80,12 +95,20 @@ from cosim_models.autopilot.wing.piloted import (
     demand,
     roll_stick,
 )
+from cosim_models.autopilot.wing.progress import (
+    PROGRESS_MEMORY,
+    begin_launch,
+    tell_descent,
+    tell_launch,
+    tell_return,
+)
 from cosim_models.autopilot.wing.transition import (
     SLOW,
     THERE,
     TRANSITION_MEMORY,
     TRANSITION_PARAMETERS,
     distance_to,
+    forget_target,
     go_round,
     note_target,
     on_wing,
@@ -140,6 +163,7 @@ _CLIMBED = 0.5  # m below the end of a vertical take-off
 _LANDED_SPEED, _LANDED_TIME = 0.1, 1.0  # m/s and s: slower than commanded for so long is landed
 _STATE_MC, _STATE_FW = 3, 4
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
+_AUTOLAND = 26
 _FLOWN = (
     MAV_CMD_NAV_WAYPOINT,
     MAV_CMD_NAV_LOITER_UNLIM,
@@ -178,7 +202,9 @@ VARIABLES = pilot_variables(
         *HOVER_MEMORY,
         *LIFT_MEMORY,
         *TRANSITION_MEMORY,
+        *PROGRESS_MEMORY,
         *WIND_MEMORY,
+        Memory("circle_told", dtype="?", rare=True),  # that the circle of GUIDED is reached
         Memory("vtol_mode", dtype="?"),  # of waypoints, by DO_VTOL_TRANSITION
         Memory("still_since"),  # s: since when a descent does not move it; -1: it does
         Memory("descending", dtype="?"),
@@ -194,6 +220,11 @@ _hear_mission = mission_protocol(_FLOWN)
 @kernel
 def _change_mode(m: Any, mode: int, t: float) -> int:
     if mode not in _KNOWN:
+        if mode == _AUTOLAND:
+            say(m, MAV_SEVERITY_WARNING, NOT_FLYING if m.on_ground else NO_AUTOLAND, 0)
+        if mode in _MODES and m.mode == _GUIDED and m.Q_GUIDED_MODE == 0:
+            m.guided_kind = POSITION  # after a vertical take-off in GUIDED, it circles now
+            forget_target(m)
         return MAV_RESULT_FAILED
     if mode == m.mode:
         return MAV_RESULT_ACCEPTED
@@ -215,19 +246,22 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     m.autonomous = mode not in _PILOTED
     m.mission_active = mode == _AUTO
     m.taking_off = False
-    m.vtol_mode, m.descending = False, False
+    m.vtol_mode, m.descending, m.circle_told = False, False, False
     hold_here(m)
     note_target(m)
     begin_pilot(m)
     begin_lifted(m)
     if mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
+        begin_launch(m)
     elif mode == _RTL:
         go_to(m, m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE)
     elif mode == _LOITER_ALT_QLAND:
         go_to(m, m.position[0], m.position[1], m.home[2] - m.Q_RTL_ALT)
     elif mode == _QRTL:
         go_to(m, m.home[0], m.home[1], m.home[2] - m.Q_RTL_ALT)
+        forget_target(m)
+        tell_return(m, distance_to(m, m.home[0], m.home[1]))
     return MAV_RESULT_ACCEPTED
 
 
@@ -244,6 +278,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     home_here(m)
     if m.mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
+        begin_launch(m)
     return MAV_RESULT_ACCEPTED
 
 
@@ -252,6 +287,7 @@ def _rise(m: Any, down: float) -> None:
     """Begins a vertical take-off, up to a down coordinate."""
     go_to(m, m.position[0], m.position[1], down)
     note_target(m)
+    m.guided_kind = HOLD
     m.taking_off = True
     m.vtol = True
 
@@ -263,11 +299,15 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
     if command == MAV_CMD_NAV_LOITER_UNLIM:
         return _enter(m, _LOITER, t)
     if command == MAV_CMD_NAV_TAKEOFF:
-        if m.mode != _GUIDED:
-            say(m, MAV_SEVERITY_INFO, TAKEOFF_GUIDED, 0)
-        if m.mode != _GUIDED or not m.armed or not m.on_ground or m.taking_off or not p7 > 0.0:
+        flies = not m.on_ground or m.taking_off
+        if m.mode != _GUIDED or not m.armed or flies:
+            refusal = TAKEOFF_GUIDED if m.mode != _GUIDED else FLYING if m.armed else NOT_ARMED
+            say(m, MAV_SEVERITY_INFO, refusal, 0)
+            return MAV_RESULT_FAILED
+        if not p7 > 0.0:
             return MAV_RESULT_FAILED
         _rise(m, m.position[2] - p7)
+        say_figures(m, MAV_SEVERITY_INFO, NEAR, (0.0, 0.0, 0.0, 0.0))
         return MAV_RESULT_ACCEPTED
     if command == MAV_CMD_DO_VTOL_TRANSITION:
         if m.mode != _AUTO:
@@ -300,6 +340,8 @@ _receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, height_targe
 def _land(m: Any, n: float, e: float, t: float, h: float) -> None:
     """Descends at a place, and disarms on the ground."""
     m.vtol = True
+    if m.mode != _QLAND:
+        tell_descent(m)
     sink(m, n, e, h)
     if abs(m.velocity[2]) > _LANDED_SPEED:
         m.still_since = -1.0
@@ -307,6 +349,7 @@ def _land(m: Any, n: float, e: float, t: float, h: float) -> None:
         m.still_since = t
     elif t - m.still_since >= _LANDED_TIME and m.descending:
         m.armed = False
+        say(m, MAV_SEVERITY_INFO, LANDED, 0)
     if not m.descending:
         m.descending, m.still_since = True, -1.0
 
@@ -380,10 +423,29 @@ def _guide(m: Any, t: float, h: float) -> None:
         _vertical(m, h)
     elif m.Q_GUIDED_MODE != 0:
         travel(m, n, e, d, t, h)
-    elif m.vtol and n == m.seen[0] and e == m.seen[1]:
+    elif m.vtol and m.guided_kind == HOLD:
         hover(m, n, e, d, h)  # after a vertical take-off
     else:
+        if n != m.seen[0] or e != m.seen[1]:
+            note_target(m)
+            m.circle_told = False
         go_round(m, n, e, d, t, h)
+        if not m.circle_told and distance_to(m, n, e) < _ON_CIRCLE * m.WP_LOITER_RAD:
+            m.circle_told = True
+            tell_reached(m, 0)
+
+
+@kernel
+def _launch(m: Any, t: float, h: float) -> None:
+    """Takes off on the wing; in the air, with the help of the rotors."""
+    if m.launched_high:
+        on_wing(m, 0.0, m.guided_position[2], cruise_speed(m), t, h)
+        m.taking_off = m.position[2] > m.guided_position[2] + _CLIMBED
+    else:
+        m.vtol, m.fast_since = False, 0.0
+        take_off(m, h)
+    if not tell_launch(m, t):
+        m.motor[2] = 0.0
 
 
 @kernel
@@ -414,8 +476,7 @@ def _act(m: Any, t: float, h: float) -> None:
     elif m.mode == _AUTO:
         _carry_out(m, t, h)
     elif m.mode == _TAKEOFF and m.taking_off:
-        m.vtol, m.fast_since = False, 0.0
-        take_off(m, h)
+        _launch(m, t, h)
     elif m.mode in _BY_ROTORS:
         by_rotors(m, t, h)
     elif m.mode == _QLAND:
@@ -452,7 +513,7 @@ def start(m: Any) -> int:
         return _BAD_GAIN
     m.kind = m.Q_MAV_TYPE if m.Q_MAV_TYPE != 0 else MAV_TYPE_FIXED_WING
     m.on_ground = True
-    m.mission_count = 1
+    m.mission_count = max(m.mission_count, 1)  # a reboot keeps it
     m.item_since = -1.0
     m.fast_since = -1.0
     m.still_since = -1.0
@@ -465,10 +526,18 @@ def start(m: Any) -> int:
     return 0
 
 
+_reboot = rebooting(VARIABLES, start)
+
+
 @kernel
 def advance(m: Any, t: float, h: float) -> int:
     """Makes one step: inputs at t, commands for t + h."""
     m.mavlink_tx_len = 0
+    t -= m.booted_at
+    if m.rebooting:
+        error, t, silent = _reboot(m, t)
+        if silent:
+            return error
     if m.mavlink_rx_len > 0:
         _receive(m, t)
     if not m.armed:
@@ -489,6 +558,8 @@ def advance(m: Any, t: float, h: float) -> int:
     if not m.armed:
         _rest(m)
         m.descending, m.taking_off = False, False
+    if m.test_motor > 0:
+        continue_motor_test(m, t)
     m.vtol_state = vtol_state(m, t)
     for i in range(3):
         m.target[i] = m.guided_position[i]

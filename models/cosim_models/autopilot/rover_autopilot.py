@@ -53,6 +53,7 @@ from cosim_models.autopilot.gcs.missions import (
     tell_reached,
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
+from cosim_models.autopilot.gcs.rebooting import rebooting
 from cosim_models.autopilot.gcs.record import (
     ACCELERATION,
     HOLD,
@@ -351,7 +352,7 @@ def start(m: Any) -> int:
         return _BAD_GAIN
     m.kind = MAV_TYPE_SURFACE_BOAT if m.airframe == Airframe.boat else MAV_TYPE_GROUND_ROVER
     m.on_ground = True
-    m.mission_count = 1
+    m.mission_count = max(m.mission_count, 1)  # a reboot keeps it
     m.item_since = -1.0
     home_here(m)
     m.motor[0], m.motor[1] = 0.5, 0.5
@@ -361,10 +362,18 @@ def start(m: Any) -> int:
     return 0
 
 
+_reboot = rebooting(VARIABLES, start)
+
+
 @kernel
 def advance(m: Any, t: float, h: float) -> int:
     """Makes one step: inputs at t, commands for t + h."""
     m.mavlink_tx_len = 0
+    t -= m.booted_at
+    if m.rebooting:
+        error, t, silent = _reboot(m, t)
+        if silent:
+            return error
     if m.mavlink_rx_len > 0:
         _receive(m, t)
     if not m.armed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import pytest
@@ -154,3 +155,153 @@ def test_it_takes_off_on_its_wheels_in_mode_takeoff() -> None:
     assert p.ask(SET_MODE, 1, 13) == ACCEPTED
     assert farthest(p, 16.0)[3] == 0.0
     assert -p.place[2] > 20.0
+
+
+# ---- what it tells, and motors that are tested: as a simulated ArduPlane 4.7-dev was heard to do ---------------------
+
+
+def texts(p: Pair) -> list[str]:
+    """Texts since the last call, with their figures replaced by #."""
+    found = [re.sub(r"-?\d+(\.\d+)?", "#", m.text) for m in p.heard if m.get_type() == "STATUSTEXT"]
+    p.heard.clear()
+    return found
+
+
+def test_it_tells_why_it_does_not_take_off() -> None:
+    p = Pair(Quadplane, QuadplaneAutopilot)
+    p.until(2.5)
+    said = []
+    for mode, arms in ((0, False), (GUIDED, False), (GUIDED, True)):
+        assert p.ask(SET_MODE, 1, mode) == ACCEPTED
+        if arms:
+            assert p.ask(ARM, 1) == ACCEPTED
+            assert p.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == ACCEPTED
+            assert "VTOL Position# d=#" in texts(p)
+        assert p.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == FAILED
+        said += texts(p)
+    assert said == ["User Takeoff only in GUIDED mode", "Must be armed for takeoff", "Already flying - no takeoff"]
+
+
+def test_it_tells_how_far_its_return_is() -> None:
+    p = hovering()
+    p.heard.clear()
+    assert p.ask(SET_MODE, 1, QRTL) == ACCEPTED
+    p.one_step()
+    first = [m.text for m in p.heard if m.get_type() == "STATUSTEXT"]
+    assert first[0] == "VTOL position1 d=0.0 r=120.0"  # 1.5 times WP_LOITER_RAD
+    above = "VTOL position# started v=# d=# h=#"
+    assert texts(p) == ["VTOL position# d=# r=#", "VTOL Position# d=#", above, "Land descend started"]
+    while p.m.armed:
+        p.one_step()
+        assert p.time < 60.0
+    p.one_step()
+    assert texts(p) == ["Land final started", "Land complete", "Throttle disarmed"]
+
+
+def test_it_tells_how_far_a_place_on_the_wing_is() -> None:
+    p = hovering()
+    p.heard.clear()
+    assert p.reposition(300.0, 0.0, 20.0) == ACCEPTED
+    p.one_step()
+    assert [m.text for m in p.heard if m.get_type() == "STATUSTEXT"] == [
+        "VTOL approach d=300.0",
+        "Transition started airspeed 0.0",
+    ]
+    texts(p)
+    p.until(70.0)
+    assert texts(p)[2:] == ["VTOL position# v=# d=# sd=# h=#", "VTOL position# started v=# d=# h=#"]
+
+
+def test_a_launch_in_the_air_waits_for_its_propeller() -> None:
+    p = hovering()
+    p.heard.clear()
+    assert p.ask(SET_MODE, 1, 13) == ACCEPTED
+    began = p.time
+    p.until(began + 0.15)
+    assert p.m.motor[2] == 0.0
+    assert texts(p) == ["Transition started airspeed #", "Armed AUTO, xaccel = # m/s/s, waiting # sec"]
+    lowest = farthest(p, 12.0)[0]
+    assert lowest > 9.0  # the rotors carry it until the wing does
+    assert texts(p)[:2] == ["Triggered AUTO. GPS speed = #", "Climbing to TKOFF alt then loitering"]
+    p.until(began + 40.0)
+    assert -p.place[2] == pytest.approx(50.0, abs=4.0)
+
+
+def test_a_launch_on_the_ground_tells_its_course() -> None:
+    p = started()
+    assert p.ask(ARM, 0) == ACCEPTED
+    assert p.ask(SET_MODE, 1, 13) == ACCEPTED
+    assert p.ask(ARM, 1) == ACCEPTED
+    p.heard.clear()
+    p.until(p.time + 5.0)
+    said = [m.text for m in p.heard if m.get_type() == "STATUSTEXT"]
+    assert said[-1] == "Takeoff to 50m for 200.0m heading 0.0 deg"
+    assert said[-2].startswith("Triggered AUTO. GPS speed = 0.")
+
+
+def test_after_a_refused_mode_it_circles_if_guided_is_that_of_a_plane() -> None:
+    for mode, guided, then in ((26, 0, "Transition started airspeed #"), (26, 1, None), (24, 0, "Transition")):
+        p = hovering(pilot={"Q_GUIDED_MODE": guided})
+        p.heard.clear()
+        assert p.ask(SET_MODE, 1, mode) == FAILED
+        p.one_step()
+        reached = [m.seq for m in p.heard if m.get_type() == "MISSION_ITEM_REACHED"]
+        said = texts(p)
+        assert ("autoland not available" in said) == (mode == 26)
+        assert any(text.startswith(then) for text in said) if then else not any("Trans" in text for text in said)
+        assert reached == ([0] if guided == 0 else [])
+    p = hovering(pilot={"Q_GUIDED_MODE": 0})
+    p.until(p.time + 1.0)
+    assert p.m.vtol
+    texts(p)
+    assert p.reposition(0.0, 0.0, 10.0) == ACCEPTED  # the place at which it hovers
+    p.one_step()
+    assert texts(p) == ["Transition started airspeed #"] and not p.m.vtol
+    p = Pair(Quadplane, QuadplaneAutopilot)
+    p.until(2.5)
+    assert p.ask(SET_MODE, 1, 26) == FAILED
+    assert texts(p) == ["Must already be flying!", "Flight mode change failed"]
+
+
+def test_it_tells_the_attitude_of_its_rotors() -> None:
+    p = hovering()
+    assert p.ask(REQUEST, mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET) == ACCEPTED
+    target = p.last("ATTITUDE_TARGET")
+    assert target.q[0] == pytest.approx(1.0, abs=0.01)
+    assert target.thrust == pytest.approx(0.39, abs=0.05)  # Q_M_THST_HOVER
+    assert p.ask(SET_MODE, 1, 0) == ACCEPTED
+    p.one_step()
+    p.heard.clear()
+    assert p.ask(REQUEST, mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET) == ACCEPTED
+    assert not [m for m in p.heard if m.get_type() == "ATTITUDE_TARGET"]  # the rotors rest
+
+
+def test_motors_are_tested_one_after_the_other_clockwise() -> None:
+    p = Pair(Quadplane, QuadplaneAutopilot)
+    p.until(1.0)
+    test = mavlink.MAV_CMD_DO_MOTOR_TEST
+    assert p.ask(test, 1, 0, 30, 1.0, 4) == ACCEPTED
+    turned = []
+    for _ in range(6):
+        p.until(p.time + 0.75)
+        turned.append(p.m.motor[4:].round(3).tolist())
+        p.until(p.time + 0.75)
+    # front right, rear right, rear left, front left; in ArduPilot's order of an X: 1, 4, 2, 3
+    order = [[0.3, 0, 0, 0], [0, 0, 0, 0.3], [0, 0.3, 0, 0], [0, 0, 0.3, 0]]
+    assert turned == [*order, [0] * 4, [0] * 4]
+    assert p.ask(test, 2, 1, 1250, 1.0) == ACCEPTED
+    p.one_step()
+    assert p.m.motor[7] == pytest.approx(0.25)
+    for first, kind, throttle in ((9, 0, 30), (1, 0, 101), (1, 1, 2300), (1, 3, 30), (math.nan, 0, 30)):
+        assert p.ask(test, first, kind, throttle, 1.0) == ACCEPTED  # and nothing turns
+        p.one_step()
+        assert not p.m.motor[4:].any()
+    assert p.ask(test, 1, 0, 30, 1.0) == ACCEPTED
+    assert p.ask(SET_MODE, 1, GUIDED) == ACCEPTED
+    p.until(2.5)
+    assert p.ask(ARM, 1) == ACCEPTED
+    p.until(p.time + 0.1)
+    assert not p.m.motor[4:].any()
+    p.heard.clear()
+    assert p.ask(test, 1, 0, 30, 1.0) == FAILED
+    assert texts(p)[-1] == "Must be disarmed for motor test"

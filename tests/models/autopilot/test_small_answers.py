@@ -458,3 +458,33 @@ def test_a_plane_in_the_air_says_how_it_takes_off() -> None:
     assert p.ask(SET_MODE, 1, 12) == ACCEPTED
     assert not p.m.on_ground
     assert asked(p, SET_MODE, 1, 13) == (ACCEPTED, [(INFO, "Climbing to TKOFF alt then loitering")])
+
+
+@pytest.mark.parametrize("kind", ["rover", "plane"])
+def test_a_part_of_a_mission_is_written(kind: str) -> None:
+    p = started(kind)
+    places = [(20.0, 0.0), (20.0, 10.0), (10.0, 10.0)]
+    assert upload(p, [(WAYPOINT, n, e, 30.0, (0.0, 0.0)) for n, e in places]) == mavlink.MAV_MISSION_ACCEPTED
+
+    def write(first: int, last: int, kind: int = 0) -> Any:
+        p.heard.clear()
+        p.send(mavlink.MAVLink_mission_write_partial_list_message(1, 1, first, last, kind))
+        p.one_step()
+        return p.heard[-1]
+
+    for first, last in ((-1, 2), (2, 1), (3, 5)):
+        assert write(first, last).type == mavlink.MAV_MISSION_ERROR
+    assert write(1, 2, 1).type == mavlink.MAV_MISSION_UNSUPPORTED
+    assert write(2, 2).seq == 2
+    lat, lon = degrees_of(70.0, 5.0)
+    p.send(mavlink.MAVLink_mission_item_int_message(1, 1, 2, 6, WAYPOINT, 0, 1, 0, 0, 0, 0, lat, lon, 30.0))
+    p.one_step()
+    assert p.last("MISSION_ACK").type == mavlink.MAV_MISSION_ACCEPTED
+    p.send(mavlink.MAVLink_mission_request_list_message(1, 1))
+    expected = [(20.0, 0.0), (70.0, 5.0), (10.0, 10.0)]
+    for number, (north, east) in enumerate(expected, 1):
+        p.send(mavlink.MAVLink_mission_request_int_message(1, 1, number))
+        p.one_step()
+        item = p.last("MISSION_ITEM_INT")
+        assert (item.seq, item.x, item.y) == (number, *degrees_of(north, east))
+    assert p.last("MISSION_COUNT").count == 4

@@ -76,7 +76,6 @@ from cosim_models.autopilot.gcs.words import (
     INITIALISING,
     LATENCY_OFF,
     LATENCY_ON,
-    MOTOR_TEST_ARMED,
     NO_LANDING,
     PLANE,
     RESET,
@@ -182,11 +181,7 @@ def _of_wings(m: Any, command: int, p1: float) -> int:
         return MAV_RESULT_FAILED
     if command == MAV_CMD_DO_PARACHUTE:  # none is on board
         return _accept(p1 == 0.0 or p1 == 1.0, MAV_RESULT_FAILED)
-    if command == MAV_CMD_DO_MOTOR_TEST:
-        if m.lifts and m.armed:
-            say(m, MAV_SEVERITY_INFO, MOTOR_TEST_ARMED, 0)
-        return MAV_RESULT_FAILED
-    return MAV_RESULT_FAILED if command == MAV_CMD_DO_GO_AROUND else NOT_HERE
+    return MAV_RESULT_FAILED if command in (MAV_CMD_DO_GO_AROUND, MAV_CMD_DO_MOTOR_TEST) else NOT_HERE
 
 
 @kernel

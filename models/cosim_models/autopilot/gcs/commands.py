@@ -28,6 +28,7 @@ from cosim.messages import (
     LOG_REQUEST_DATA,
     LOG_REQUEST_LIST,
     MAV_CMD_COMPONENT_ARM_DISARM,
+    MAV_CMD_DO_MOTOR_TEST,
     MAV_CMD_DO_REPOSITION,
     MAV_CMD_DO_SET_HOME,
     MAV_CMD_DO_SET_MODE,
@@ -36,6 +37,7 @@ from cosim.messages import (
     MAV_CMD_GET_HOME_POSITION,
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
     MAV_CMD_NAV_TAKEOFF,
+    MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
     MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
     MAV_CMD_REQUEST_MESSAGE,
     MAV_CMD_SET_MESSAGE_INTERVAL,
@@ -82,7 +84,9 @@ from cosim.messages import (
     encode_timesync,
 )
 from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, system, target, unpack, version
+from cosim_models.autopilot.commander.reboot import ask_to_reboot
 from cosim_models.autopilot.gcs.answers import NOT_HERE, answer
+from cosim_models.autopilot.gcs.devices import test_motors
 from cosim_models.autopilot.gcs.rows import ROWS, group_of, is_absent, row_of
 from cosim_models.autopilot.gcs.sending import can_answer, send
 from cosim_models.autopilot.gcs.sensors import put_terrain
@@ -106,6 +110,7 @@ from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILAB
 __all__ = ["Firmware", "firmware", "receiver", "told"]
 
 _FORCE = 21196.0  # param2 of COMPONENT_ARM_DISARM
+_WHOLE = 2147483647.0
 _FRAMES = (0, 3, 5, 6, 10, 11)  # MAV_FRAMEs whose heights refer to the sea, home or terrain
 _COMMAND_ACK = cast(int, np.int64(COMMAND_ACK))
 _MISSION_ACK = cast(int, np.int64(MISSION_ACK))
@@ -386,6 +391,10 @@ def _dispatcher(of: Firmware) -> Callable[[Any, int, int, int, float], None]:
                 place = abs(p5) <= 90.0 and abs(p6) <= 180.0  # else no number, or off the globe
                 x, y = (int(p5 * 1e7), int(p6 * 1e7)) if place else (910000000, 0)
                 result = _set_home(m, p1, 0, x, y, p7, t)
+            elif command_id == MAV_CMD_DO_MOTOR_TEST and m.lifts:
+                result = test_motors(m, p1, p2, p3, p4, p5, t)
+            elif command_id == MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN and m.kind != MAV_TYPE_QUADROTOR:
+                result = ask_to_reboot(m, p1, int(p6) if abs(p6) < _WHOLE else 0, t)
             else:
                 result = command(m, command_id, (p1, p2, p3, p4), p7, t)
             encode_command_ack(m.payload, command_id, result, 0, 0, sender, part)
@@ -396,6 +405,10 @@ def _dispatcher(of: Firmware) -> Callable[[Any, int, int, int, float], None]:
                 result = reposition(m, frame, p2, x, y, z, t)
             elif command_id == MAV_CMD_DO_SET_HOME:
                 result = _set_home(m, p1, frame, x, y, z, t)
+            elif command_id == MAV_CMD_DO_MOTOR_TEST and m.lifts:
+                result = test_motors(m, p1, p2, p3, p4, float(x), t)
+            elif command_id == MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN and m.kind != MAV_TYPE_QUADROTOR:
+                result = ask_to_reboot(m, p1, y, t)
             else:
                 result = _place_refused(m, command_id, frame, x, y, z)
                 if result == MAV_RESULT_ACCEPTED:

@@ -22,6 +22,7 @@ from cosim.messages import (
     MAV_FRAME_GLOBAL,
     MAV_MISSION_ACCEPTED,
     MAV_MISSION_DENIED,
+    MAV_MISSION_ERROR,
     MAV_MISSION_INVALID,
     MAV_MISSION_INVALID_SEQUENCE,
     MAV_MISSION_NO_SPACE,
@@ -42,6 +43,7 @@ from cosim.messages import (
     MISSION_REQUEST_INT,
     MISSION_REQUEST_LIST,
     MISSION_SET_CURRENT,
+    MISSION_WRITE_PARTIAL_LIST,
     decode_mission_clear_all,
     decode_mission_count,
     decode_mission_item,
@@ -49,6 +51,7 @@ from cosim.messages import (
     decode_mission_request,
     decode_mission_request_list,
     decode_mission_set_current,
+    decode_mission_write_partial_list,
     encode_mission_ack,
     encode_mission_count,
     encode_mission_item,
@@ -172,6 +175,23 @@ def _begin_upload(m: Any, count: int, kind: int, sender: int, part: int, t: floa
 
 
 @kernel
+def _begin_partial_upload(m: Any, first: int, last: int, kind: int, sender: int, part: int, t: float) -> None:
+    """Handles MISSION_WRITE_PARTIAL_LIST: items `first` to `last` of the mission replace the old ones."""
+    if kind != MAV_MISSION_TYPE_MISSION:
+        _acknowledge(m, MAV_MISSION_UNSUPPORTED, kind, sender, part)
+    elif m.uploading and not (sender == m.upload_system and part == m.upload_component):
+        _acknowledge(m, MAV_MISSION_DENIED, kind, sender, part)
+    elif first < 0 or last < first or last > max(m.mission_count, 1) or last >= MAX_MISSION:
+        _acknowledge(m, MAV_MISSION_ERROR, kind, sender, part)
+    else:
+        m.uploading = True
+        m.upload_count, m.upload_next = last + 1, first
+        m.upload_system, m.upload_component = sender, part
+        m.upload_heard = t
+        _ask_for_next(m, t)
+
+
+@kernel
 def set_current(m: Any, sequence: float) -> bool:
     """Makes an item of the mission the current one; returns whether there is one of this number."""
     if not 0.0 < sequence < m.mission_count:
@@ -226,7 +246,7 @@ def _upload(flown: Sequence[int]) -> Callable[[Any, int, int, int, float], None]
         m.upload_next = sequence + 1
         if m.upload_next == m.upload_count:
             m.uploading = False
-            m.mission_count = m.upload_count
+            m.mission_count = max(m.mission_count, m.upload_count)
             _acknowledge(m, MAV_MISSION_ACCEPTED, 0, sender, part)
         else:
             _ask_for_next(m, t)
@@ -246,7 +266,8 @@ def mission_protocol(flown: Sequence[int]) -> Callable[[Any, int, int, int, floa
 
     @kernel
     def hear(m: Any, message: int, sender: int, part: int, t: float) -> bool:
-        if not (MISSION_ITEM <= message <= MISSION_REQUEST_INT or message == MISSION_ITEM_INT):
+        known = MISSION_WRITE_PARTIAL_LIST <= message <= MISSION_REQUEST_INT or message == MISSION_ITEM_INT
+        if not known:
             return False
         if not can_answer(m):
             return True
@@ -255,6 +276,9 @@ def mission_protocol(flown: Sequence[int]) -> Callable[[Any, int, int, int, floa
         elif message == MISSION_COUNT:
             _, _, count, kind = decode_mission_count(m.received)
             _begin_upload(m, count, kind, sender, part, t)
+        elif message == MISSION_WRITE_PARTIAL_LIST:
+            _, _, first, last, kind = decode_mission_write_partial_list(m.received)
+            _begin_partial_upload(m, first, last, kind, sender, part, t)
         elif message == MISSION_REQUEST_LIST:
             _, _, kind = decode_mission_request_list(m.received)
             if kind <= MAV_MISSION_TYPE_RALLY:  # of fences and rally points, there are none

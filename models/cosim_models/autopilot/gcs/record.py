@@ -16,6 +16,7 @@ import numpy as np
 from cosim import Memory, Output, PacketInput, PacketOutput, Parameter, Variable
 from cosim.vehicle import MAX_MOTORS, Airframe, inputs_for
 from cosim.verdict import Role
+from cosim_models.autopilot.gcs.rebooting import REBOOT_MEMORY
 from cosim_models.autopilot.gcs.rows import ROWS
 from cosim_models.autopilot.gcs.sticks import STICK_MEMORY
 
@@ -134,7 +135,14 @@ _MEMORY = (
     Memory("mode_asked", dtype="i4", rare=True),  # index, 0: one after the other
     Memory("mode_told", dtype="i4", rare=True),
     Memory("logs_told", dtype="?", rare=True),
+    Memory("attitude_asked", shape=4, rare=True),  # rad: roll, pitch, heading of the rotors; their thrust, 0: they rest
+    Memory("test_motor", dtype="i4", rare=True),  # place of the motor that a test turns, from 1; 0: none
+    Memory("test_command", rare=True),  # 0 to 1
+    Memory("test_time", rare=True),  # s, of each motor
+    Memory("test_count", dtype="i4", rare=True),
+    Memory("test_since", rare=True),  # s
     *STICK_MEMORY,
+    *REBOOT_MEMORY,
     Memory("wind_estimate", shape=3, rare=True),  # m/s, NED
     Memory("component_known", dtype="u1", shape=256, rare=True),  # 1: heard from this component of the own system
     Memory("payload", dtype="u1", shape=255, rare=True),

@@ -15,6 +15,7 @@ from cosim.messages import (
     AHRS2,
     ATTITUDE,
     ATTITUDE_QUATERNION,
+    ATTITUDE_TARGET,
     AUTOPILOT_STATE_FOR_GIMBAL_DEVICE,
     AUTOPILOT_VERSION,
     BATTERY_STATUS,
@@ -103,6 +104,7 @@ _TABLE = (
     (FLIGHT_INFORMATION, _NONE),
     (AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, _NONE),
     (RELAY_STATUS, _NONE),
+    (ATTITUDE_TARGET, _NONE),
     (AVAILABLE_MODES, _NONE),
     (AVAILABLE_MODES_MONITOR, _NONE),
 )
@@ -115,7 +117,6 @@ _GROUPS = np.array([group for _, group in _TABLE], dtype=np.int64)
 _ABSENT_IDS = (
     22,
     35,
-    83,
     100,
     124,
     127,

@@ -13,11 +13,18 @@ from typing import Any, cast
 
 import numpy as np
 
-from cosim.frames import deg_e7, geodetic_from_local, roll_pitch_from_quaternion, yaw_from_quaternion
+from cosim.frames import (
+    deg_e7,
+    geodetic_from_local,
+    quaternion_from_euler,
+    roll_pitch_from_quaternion,
+    yaw_from_quaternion,
+)
 from cosim.kernel import kernel
 from cosim.messages import (
     ATTITUDE,
     ATTITUDE_QUATERNION,
+    ATTITUDE_TARGET,
     AUTOPILOT_VERSION,
     BATTERY_STATUS,
     EKF_STATUS_REPORT,
@@ -49,6 +56,7 @@ from cosim.messages import (
     WIND,
     encode_attitude,
     encode_attitude_quaternion,
+    encode_attitude_target,
     encode_autopilot_version,
     encode_ekf_status_report,
     encode_extended_sys_state,
@@ -63,6 +71,7 @@ from cosim.messages import (
     encode_sys_status,
     encode_system_time,
     encode_vfr_hud,
+    put_attitude_target_q,
     put_home_position_q,
 )
 from cosim.packets import clear
@@ -93,6 +102,7 @@ _SOFTWARE = 0x04070000
 
 # numba recompiles a kernel for every Python integer passed as a constant, but only once for all numpy integers.
 _HEARTBEAT = cast(int, np.int64(HEARTBEAT))
+_ATTITUDE_TARGET = cast(int, np.int64(ATTITUDE_TARGET))
 
 
 @kernel
@@ -144,10 +154,25 @@ def _put_servos(m: Any, surface: bool, t: float) -> None:
 
 
 @kernel
+def _send_attitude_target(m: Any, t: float) -> bool:
+    """Sends the attitude that the lifting rotors hold; true, too, if there are none that turn."""
+    roll, pitch, yaw, thrust = m.attitude_asked[0], m.attitude_asked[1], m.attitude_asked[2], m.attitude_asked[3]
+    if thrust <= 0.0:
+        return True
+    encode_attitude_target(m.payload, int(1e3 * t + 0.5), 0, 0.0, 0.0, 0.0, thrust)
+    q = quaternion_from_euler(roll, pitch, yaw)
+    for i in range(4):
+        put_attitude_target_q(m.payload, i, q[i])
+    return send(m, _ATTITUDE_TARGET)
+
+
+@kernel
 def _send_state(m: Any, row: int, t: float) -> bool:
     """Sends the messages on the autopilot itself."""
     message = message_of(row)
     surface = m.kind in (MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT)
+    if message == ATTITUDE_TARGET:
+        return _send_attitude_target(m, t)
     if message == HEARTBEAT:
         base_mode = 1 + (128 if m.armed else 0) + (8 if m.autonomous else 64)
         active = m.armed if surface else not m.on_ground

@@ -14,19 +14,28 @@ from cosim.messages import STATUSTEXT, encode_statustext, put_statustext_text
 from cosim_models.autopilot.gcs.sending import send
 
 __all__ = [
+    "ABOVE",
     "AFS_OFF",
+    "AIRSPEED_STARTED",
+    "APPROACH",
     "ARMED",
+    "BAROMETER",
     "CALIBRATION_ARMED",
     "CLIMBING",
     "COMPASS_ARMED",
+    "DESCENDS",
     "DESTINATION",
     "DISARMED",
     "FAST_ENOUGH",
     "FENCE_FETCH_BAD",
     "FENCE_FETCH_OLD",
+    "FINAL",
+    "FLYING",
     "GROUNDSPEED",
+    "GYROS_STARTED",
     "INITIALISING",
     "IN_USE",
+    "LANDED",
     "LATENCY_OFF",
     "LATENCY_ON",
     "LOG_DISARM",
@@ -34,6 +43,11 @@ __all__ = [
     "MISSION_DONE",
     "MODE_FAILED",
     "MOTOR_TEST_ARMED",
+    "NEAR",
+    "NEAR_HOME",
+    "NOT_ARMED",
+    "NOT_FLYING",
+    "NO_AUTOLAND",
     "NO_DOCK",
     "NO_LANDING",
     "NO_MESSAGE",
@@ -46,15 +60,21 @@ __all__ = [
     "RALLY_FETCH_BAD",
     "RALLY_FETCH_OLD",
     "REACHED",
+    "READY",
     "RESET",
     "ROVER",
+    "SLOWING",
+    "TAKES_OFF",
     "TAKEOFF_GUIDED",
     "TO_WING",
     "TRACK_FULL",
     "TRANSITION_AUTO",
+    "TRIGGERED",
     "UNKNOWN_FRAME",
     "USE_INT",
+    "WAITS",
     "say",
+    "say_figures",
 ]
 
 _WORDS = (
@@ -95,9 +115,28 @@ _WORDS = (
     "VTOL transition only in AUTO",
     "SmartRTL deactivated: buffer full",
     "Dock: target not acquired",
-    "Transition started airspeed #",
-    "Transition airspeed reached #",
+    "Transition started airspeed ~",
+    "Transition airspeed reached ~",
     "Transition done",
+    "Must be armed for takeoff",
+    "Already flying - no takeoff",
+    "Must already be flying!",
+    "autoland not available",
+    "VTOL Position1 d=~",
+    "VTOL approach d=~",
+    "VTOL position1 d=~ r=~",
+    "VTOL position1 v=~ d=% sd=% h=~",
+    "VTOL position2 started v=~ d=~ h=~",
+    "Land descend started",
+    "Land final started",
+    "Land complete",
+    "Armed AUTO, xaccel = ~ m/s/s, waiting ~ sec",
+    "Triggered AUTO. GPS speed = ~",
+    "Takeoff to %m for ~m heading ~ deg",
+    "Barometer % calibration complete",
+    "Airspeed % calibration started",
+    "Beginning INS calibration. Do not move vehicle",
+    "ArduPilot Ready",
 )
 (
     ARMED,
@@ -140,41 +179,78 @@ _WORDS = (
     TO_WING,
     FAST_ENOUGH,
     ON_WING,
+    NOT_ARMED,
+    FLYING,
+    NOT_FLYING,
+    NO_AUTOLAND,
+    NEAR,
+    APPROACH,
+    NEAR_HOME,
+    SLOWING,
+    ABOVE,
+    DESCENDS,
+    FINAL,
+    LANDED,
+    WAITS,
+    TRIGGERED,
+    TAKES_OFF,
+    BAROMETER,
+    AIRSPEED_STARTED,
+    GYROS_STARTED,
+    READY,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
 _SIZE = 50
 _TEXT = np.zeros((len(_WORDS), _SIZE), np.uint8)
 for _row, _words in enumerate(_WORDS):
     _TEXT[_row, : len(_words)] = np.frombuffer(_words.encode(), np.uint8)
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
-_PERCENT, _TENTHS, _POINT = 37, 35, 46  # "%", "#", "."
+_PERCENT, _TENTHS, _POINT, _MINUS, _ZERO = b"%~.-0"
 
 
 @kernel
-def say(m: Any, severity: int, text: int, number: int) -> None:
-    """Sends a STATUSTEXT, with `number`, 0 or more, in the place of its "%", and a tenth of it in that of its "#".
+def _put_figure(m: Any, at: int, value: float, tenths: bool) -> int:
+    """Writes a number at a place of the text, with one decimal or none; returns the place behind it."""
+    size = int(10.0 * abs(value) + 0.5) if tenths else int(abs(value) + 0.5)
+    if value < 0.0 and size > 0:
+        put_statustext_text(m.payload, at, _MINUS)
+        at += 1
+    unit = 10 if tenths else 1
+    while unit * 10 <= size:
+        unit *= 10
+    while unit > 0:
+        put_statustext_text(m.payload, at, _ZERO + size // unit % 10)
+        at += 1
+        if tenths and unit == 10:
+            put_statustext_text(m.payload, at, _POINT)
+            at += 1
+        unit //= 10
+    return at
+
+
+@kernel
+def say_figures(m: Any, severity: int, text: int, figures: tuple[float, float, float, float]) -> None:
+    """Sends a STATUSTEXT with figures in the places of its "%" (no decimals) and "~" (one decimal), in this order.
 
     If there is no room, it is left out.
     """
     encode_statustext(m.payload, severity, 0, 0)
-    at = 0
+    at, used = 0, 0
     for i in range(_SIZE):
         put_statustext_text(m.payload, i, 0)
     for i in range(_SIZE):
         byte = int(_TEXT[text, i])
         if byte == 0:
             break
-        if byte != _PERCENT and (byte != _TENTHS or i == 0 or _TEXT[text, i + 1] != 0):
+        if byte in (_PERCENT, _TENTHS):
+            at = _put_figure(m, at, figures[used], byte == _TENTHS)
+            used += 1
+        else:
             put_statustext_text(m.payload, at, byte)
             at += 1
-            continue
-        unit = 10 if byte == _TENTHS else 1
-        while unit * 10 <= number:
-            unit *= 10
-        while unit > 0:
-            put_statustext_text(m.payload, at, 48 + number // unit % 10)
-            at += 1
-            if byte == _TENTHS and unit == 10:
-                put_statustext_text(m.payload, at, _POINT)
-                at += 1
-            unit //= 10
     send(m, _STATUSTEXT)
+
+
+@kernel
+def say(m: Any, severity: int, text: int, number: int) -> None:
+    """Sends a STATUSTEXT with `number` in the place of its "%"; if there is no room, it is left out."""
+    say_figures(m, severity, text, (float(number), 0.0, 0.0, 0.0))

@@ -1,46 +1,48 @@
-"""The memory of the autopilot's record as a reboot leaves it.
+"""The memory of an autopilot's record as a reboot leaves it.
 
-Stored on board, and therefore kept: missions, fences and rally points, as on a real one. Parameters and inputs are no
-memory. Everything else is zero, as at the start.
+Parameters and inputs are no memory. What is stored on board (missions, fences, rally points) is kept; everything else
+is zero, as at the start.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from cosim import Variable
 from cosim.fields import set_whole
 from cosim.kernel import kernel
 from cosim.model import record_layout
-from cosim_models.autopilot.record.variables import VARIABLES
 
-__all__ = ["forget"]
+__all__ = ["forgetting"]
 
-_KEPT = ("mission", "mission_count", "fence", "fence_count", "rally", "rally_count")
 _WORD = 4  # bytes
 
 
-def _words() -> np.ndarray[Any, np.dtype[np.int64]]:
+def _words(variables: Sequence[Variable], kept: Sequence[str]) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Returns begin and end [bytes] of each part of the record that is forgotten."""
-    layout, head = record_layout(VARIABLES)
+    layout, head = record_layout(tuple(variables))
     fields = layout.fields
     assert fields is not None
-    kept = sorted((fields[name][1], fields[name][1] + fields[name][0].itemsize) for name in _KEPT)
+    stored = sorted((fields[name][1], fields[name][1] + fields[name][0].itemsize) for name in kept)
     parts, begin = [], head
-    for first, end in (*kept, (layout.itemsize, layout.itemsize)):
+    for first, end in (*stored, (layout.itemsize, layout.itemsize)):
         assert begin % _WORD == first % _WORD == end % _WORD == 0
         parts.append((begin, first))
         begin = end
     return np.array(parts, dtype=np.int64)
 
 
-_PARTS = _words()
+def forgetting(variables: Sequence[Variable], kept: Sequence[str]) -> Callable[[Any], None]:
+    """Returns a kernel of a record with these variables that clears all its memory but the fields `kept`."""
+    parts = _words(variables, kept)
 
+    @kernel
+    def forget(m: Any) -> None:
+        for i in range(parts.shape[0]):
+            for offset in range(parts[i, 0], parts[i, 1], _WORD):
+                set_whole(m, offset, 0)
 
-@kernel
-def forget(m: Any) -> None:
-    """Clears all memory but that which is stored on board."""
-    for i in range(_PARTS.shape[0]):
-        for offset in range(_PARTS[i, 0], _PARTS[i, 1], _WORD):
-            set_whole(m, offset, 0)
+    return forget

@@ -82,6 +82,7 @@ def no_lift(m: Any) -> None:
     for i in range(4):
         m.motor[_FIRST + i] = 0.0
     m.lift = 0.0
+    m.attitude_asked[3] = 0.0
     m.lift_trim = 0.0
     m.lean_trim[0], m.lean_trim[1] = 0.0, 0.0
     m.drift[0], m.drift[1] = 0.0, 0.0
@@ -100,6 +101,7 @@ def _command(m: Any, thrust: float) -> float:
 def _lean(m: Any, roll: float, pitch: float, turn: float, lift: float, share: float, h: float) -> None:
     """Commands the rotors: roll and pitch [rad], rate of yaw [rad/s], mean thrust, and the share of the torques."""
     now_roll, now_pitch = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+    m.attitude_asked[0], m.attitude_asked[1], m.attitude_asked[2] = roll, pitch, m.held_heading
     lean_by_rates(m, m.Q_A_ANG_RLL_P * (roll - now_roll), m.Q_A_ANG_RLL_P * (pitch - now_pitch), turn, lift, share, h)
 
 
@@ -115,6 +117,7 @@ def lean_by_rates(m: Any, p: float, q: float, turn: float, lift: float, share: f
     v = share * clip(m.Q_A_RAT_RLL_P * q_error + m.lean_trim[1], -_LEAN, _LEAN)
     z = share * clip(m.Q_A_RAT_YAW_P * (turn - w[2]), -_TURN, _TURN)
     m.lift = lift
+    m.attitude_asked[3] = lift
     m.motor[_FIRST] = _command(m, lift - u + v + z)
     m.motor[_FIRST + 1] = _command(m, lift + u - v + z)
     m.motor[_FIRST + 2] = _command(m, lift + u + v - z)

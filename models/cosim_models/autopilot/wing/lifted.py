@@ -16,6 +16,7 @@ import math
 from typing import Any
 
 from cosim import Memory
+from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import real
 from cosim_models.autopilot.gcs.sticks import PITCH, ROLL, THROTTLE, YAW, deflection, opening
@@ -158,4 +159,7 @@ def by_rotors(m: Any, t: float, h: float) -> None:
         q = deflection(m, PITCH, t) * math.radians(m.Q_ACRO_PIT_RATE)
         r = deflection(m, YAW, t) * math.radians(m.Q_ACRO_YAW_RATE)
         m.held_heading = heading(m)
+        q4 = m.attitude
+        asked = m.attitude_asked
+        asked[0], asked[1], asked[2] = euler_from_quaternion((q4[0], q4[1], q4[2], q4[3]))
         lean_by_rates(m, p, q, r, _curved(m, stick), 1.0, h)

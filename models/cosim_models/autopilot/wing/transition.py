@@ -17,9 +17,10 @@ from cosim import Memory
 from cosim.kernel import kernel
 from cosim.messages import MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import real
-from cosim_models.autopilot.gcs.words import FAST_ENOUGH, ON_WING, TO_WING, say
+from cosim_models.autopilot.gcs.words import FAST_ENOUGH, ON_WING, TO_WING, say, say_figures
 from cosim_models.autopilot.wing.flight import bank_for, circle, clip, cruise_speed, fly, servos
 from cosim_models.autopilot.wing.hover import hover, lift_off, no_lift
+from cosim_models.autopilot.wing.progress import tell_above, tell_approach, tell_rotors
 
 __all__ = [
     "SLOW",
@@ -27,6 +28,7 @@ __all__ = [
     "TRANSITION_MEMORY",
     "TRANSITION_PARAMETERS",
     "distance_to",
+    "forget_target",
     "go_round",
     "note_target",
     "on_wing",
@@ -77,6 +79,12 @@ def note_target(m: Any) -> None:
 
 
 @kernel
+def forget_target(m: Any) -> None:
+    """Makes the present target a new one."""
+    m.seen[0] = math.inf
+
+
+@kernel
 def on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float) -> None:
     """Flies with a bank and a speed on the wing, or gets there."""
     speed = speed_of(m)
@@ -86,7 +94,7 @@ def on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float)
         m.told_wing = False
     if not m.told_wing:
         m.told_wing = True
-        say(m, MAV_SEVERITY_INFO, TO_WING, int(10.0 * speed + 0.5))
+        say_figures(m, MAV_SEVERITY_INFO, TO_WING, (speed, 0.0, 0.0, 0.0))
     gentle = clip(bank, -_GENTLE, _GENTLE) if speed > _FLYING_SPEED else 0.0
     turn = _GRAVITY * math.tan(gentle) / max(speed, m.AIRSPEED_MIN)
     if m.fast_since < 0.0:
@@ -95,7 +103,7 @@ def on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float)
         if speed >= m.AIRSPEED_MIN:
             m.fast_since, m.lift_before = t, m.lift
             m.speed_before, m.acceleration, m.throttle_trim = speed, 0.0, 0.0
-            say(m, MAV_SEVERITY_INFO, FAST_ENOUGH, int(10.0 * speed + 0.5))
+            say_figures(m, MAV_SEVERITY_INFO, FAST_ENOUGH, (speed, 0.0, 0.0, 0.0))
             m.told_done = False
         return
     left = 1.0 - 1000.0 * (t - m.fast_since) / m.Q_TRANSITION_MS
@@ -121,10 +129,13 @@ def travel(m: Any, n: float, e: float, d: float, t: float, h: float) -> bool:
             m.vtol = False
             m.fast_since = -1.0
             m.told_wing = False
+        tell_approach(m, distance)
     if not m.vtol and distance < 0.5 * speed * speed / m.Q_TRANS_DECEL:
         m.vtol = True
         m.lift_trim = 0.0
+        tell_rotors(m, distance)
     if m.vtol:
+        tell_above(m, distance)
         hover(m, n, e, d, h)
         return distance < THERE and speed < SLOW
     course = math.atan2(e - m.position[1], n - m.position[0])
