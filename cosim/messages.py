@@ -4380,6 +4380,33 @@ def decode_wind(payload: Bytes) -> tuple[float, float, float]:
     )
 
 
+# -- RANGEFINDER ------------------------------------------------------------------------------------------------------
+
+RANGEFINDER = 173
+RANGEFINDER_LENGTH = 8
+RANGEFINDER_DISTANCE = 0  # float [m]
+RANGEFINDER_VOLTAGE = 4  # float [V]
+
+
+@kernel
+def encode_rangefinder(payload: Bytes, distance: float, voltage: float) -> int:
+    """Fills `payload` with a RANGEFINDER; returns RANGEFINDER_LENGTH."""
+    zero = int(np.int64(0))
+    put_f32(payload, zero + RANGEFINDER_DISTANCE, distance)
+    put_f32(payload, zero + RANGEFINDER_VOLTAGE, voltage)
+    return RANGEFINDER_LENGTH
+
+
+@kernel
+def decode_rangefinder(payload: Bytes) -> tuple[float, float]:
+    """Returns the scalar fields of a RANGEFINDER: distance, voltage."""
+    zero = int(np.int64(0))
+    return (
+        get_f32(payload, zero + RANGEFINDER_DISTANCE),
+        get_f32(payload, zero + RANGEFINDER_VOLTAGE),
+    )
+
+
 # -- RALLY_FETCH_POINT ------------------------------------------------------------------------------------------------
 
 RALLY_FETCH_POINT = 176

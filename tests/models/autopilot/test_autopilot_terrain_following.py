@@ -20,7 +20,7 @@ from tests.models.copter import ACCEPTED, DENIED, FAILED, GUIDED, RECORDED_AUTOP
 SPACING, FIRST = 20.0, -60.0
 NORTH = FIRST + SPACING * np.arange(TERRAIN_POINTS)
 TERRAIN, RELATIVE = 10, 6
-AUTO = mavlink.COPTER_MODE_AUTO
+AUTO, LOITER, POSHOLD = mavlink.COPTER_MODE_AUTO, mavlink.COPTER_MODE_LOITER, mavlink.COPTER_MODE_POSHOLD
 RECORDED = Path(__file__).parents[2] / "data" / "arducopter" / "terrain" / "guided_mission_rtl.csv.gz"
 Profile = NDArray[np.float64]
 
@@ -415,3 +415,106 @@ def test_the_rangefinder_believes_a_jump_at_the_third_measurement() -> None:
     place[:] += 1.0
     copter.run(0.06)
     assert float(copter.m["range_height"]) - before == pytest.approx(-6.0, abs=0.1)
+
+
+# ---- a pilot's modes follow the surface ------------------------------------------------------------------------------
+
+
+def flown_by_sticks(copter: Copter, seconds: float, pitch: int = 1300) -> NDArray[np.float64]:
+    """Holds a pitch stick, and the others centred."""
+    rows = []
+    for _ in range(round(2.0 * seconds)):
+        message = mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, pitch, 1500, 1500, 0, 0, 0, 0)
+        copter.send(message)
+        rows.append(copter.run(0.5))
+    return np.concatenate(rows)
+
+
+@pytest.mark.parametrize("mode", [LOITER, POSHOLD])
+def test_a_pilots_modes_follow_the_surface(mode: int) -> None:
+    """Up a slope of 0.2 at about 4.3 m/s, with the lags of SURFTRAK_TC and of the position's gain of 1/s."""
+    copter = above(ridge(), RNGFND1_TYPE=100, RNGFND1_MAX=40.0).in_the_air(10.0)
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)[0][2] == ACCEPTED
+    rows = flown_by_sticks(copter, 13.0)
+    slope = 0.2 * rows[-2000:-1500, 4].mean()
+    clear = clearances(rows, ridge(), 25.0, 38.0)
+    assert clear.mean() == pytest.approx(10.0 - 2.0 * slope, abs=0.25)
+    back = flown_by_sticks(copter, 8.0, 1500)
+    assert -back[-1, 3] - below(ridge(), back[-1, 1]) == pytest.approx(10.0, abs=0.15)
+
+
+@pytest.mark.parametrize("parameters", [{"SURFTRAK_MODE": 0}, {"SURFTRAK_MODE": 2}, {"RNGFND1_TYPE": 0}])
+def test_surfaces_are_not_followed_without_mode_or_sensor(parameters: dict[str, float]) -> None:
+    copter = above(ridge(), **{"RNGFND1_TYPE": 100, "RNGFND1_MAX": 40.0} | parameters).in_the_air(10.0)
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LOITER)[0][2] == ACCEPTED
+    rows = flown_by_sticks(copter, 10.0)
+    assert rows[-1, 1] > 25.0
+    assert -rows[:, 3] == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_surface_out_of_range_is_not_followed_until_it_is_seen_again() -> None:
+    """Over a ravine, the height stays; the height above the ground behind it is that at which it is seen again."""
+    ravine = np.interp(NORTH, [0.0, 20.0, 60.0, 80.0], [0.0, -20.0, -20.0, 0.0])
+    copter = above(ravine, RNGFND1_TYPE=100, RNGFND1_MAX=12.0).in_the_air(10.0)
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LOITER)[0][2] == ACCEPTED
+    rows = flown_by_sticks(copter, 22.0)
+    deep = rows[(rows[:, 1] > 20.0) & (rows[:, 1] < 60.0)]
+    assert np.ptp(deep[:, 3]) < 0.2  # it follows to 12 m and then goes straight on
+    assert copter.m["terrain_on"] and rows[-1, 1] > 80.0
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    assert not copter.m["terrain_on"]
+
+
+def test_the_mode_changes_without_a_step_in_height() -> None:
+    copter = above(ridge(), RNGFND1_TYPE=100, RNGFND1_MAX=40.0, RTL_ALT=0.0).in_the_air(10.0)
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LOITER)[0][2] == ACCEPTED
+    rows = flown_by_sticks(copter, 11.0)
+    height = -rows[-1, 3]
+    assert height > 14.0
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, RTL)[0][2] == ACCEPTED
+    back = copter.run(4.0)
+    assert -back[:, 3] == pytest.approx(height, abs=0.6)
+
+
+def test_turns_above_the_terrain_rise_and_fall_with_it() -> None:
+    profile = np.interp(NORTH, [0.0, 80.0], [0.0, 12.0])
+    copter = above(profile, CIRCLE_RATE=15.0, WPNAV_SPEED=500.0)
+    copter.run(2.1)
+    upload(copter, (0.0, 0.0, 22, 3, 12.0), (40.0, 0.0, 16, 10, 12.0), (40.0, 0.0, 18, 10, 12.0))
+    copter.m["mission"][3][2], copter.m["mission"][3][4] = 1.0, 20.0  # turns and radius
+    for number, *values in ((176, 1, GUIDED), (400, 1), (300,)):
+        assert copter.ask(number, *values)[0][2] == ACCEPTED
+    rows = copter.run(75.0)
+    begun = next(t for t, m in copter.heard if m.get_type() == "STATUSTEXT" and "starting circle 1/1" in m.text)
+    assert texts(copter)[-1] == "Mission: starting circle 2/1"
+    rows = rows[(rows[:, 0] > begun + 8.0) & (rows[:, 0] < begun + 24.0)]
+    assert np.hypot(rows[:, 1] - 40.0, rows[:, 2]) == pytest.approx(19.0, abs=1.5)
+    assert np.ptp(rows[:, 3]) > 4.0  # the terrain differs by 6 m
+    assert -rows[:, 3] - below(profile, rows[:, 1]) == pytest.approx(12.0, abs=1.0)
+
+
+def test_the_rangefinder_is_told() -> None:
+    """As ArduCopter tells its simulated one, whose type is unknown and which looks down (25)."""
+    copter = above(ridge(0.0), RNGFND1_TYPE=100, RNGFND1_MAX=40.0).in_the_air(10.0)
+    copter.heard.clear()
+    for number in (132, 173, 1):
+        copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number)
+        copter.run(0.01)
+    (told,) = copter.messages("DISTANCE_SENSOR")
+    assert (told.min_distance, told.max_distance, told.type, told.id, told.orientation) == (20, 4000, 4, 0, 25)
+    assert told.current_distance == pytest.approx(1000, abs=10)
+    assert copter.messages("RANGEFINDER")[0].distance == pytest.approx(10.0, abs=0.1)
+    status = copter.messages("SYS_STATUS")[0]
+    laser = mavlink.MAV_SYS_STATUS_SENSOR_LASER_POSITION
+    assert status.onboard_control_sensors_present & status.onboard_control_sensors_health & laser
+    copter.send(mavlink.MAVLink_request_data_stream_message(1, 1, 12, 4, 1))
+    copter.heard.clear()
+    copter.run(2.0)
+    assert len(copter.messages("DISTANCE_SENSOR")) == len(copter.messages("RANGEFINDER")) == 7
+    blind = Copter()
+    blind.run(2.1)
+    for number in (132, 173):
+        blind.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number)
+        blind.run(0.01)
+    assert [m.result for m in blind.messages("COMMAND_ACK")] == [ACCEPTED, ACCEPTED]
+    assert not blind.messages("DISTANCE_SENSOR") and not blind.messages("RANGEFINDER")

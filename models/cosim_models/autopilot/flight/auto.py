@@ -76,6 +76,7 @@ from cosim_models.autopilot.flight.plans.heights import height_to_land, takeoff_
 from cosim_models.autopilot.flight.plans.order import (
     following_command,
     in_landing_sequence,
+    is_above_terrain,
     is_nowhere,
     leg_place,
     next_command,
@@ -124,6 +125,7 @@ from cosim_models.autopilot.mission.missions import (
     P2,
     P3,
     P4,
+    Z,
     mission_count,
     send_reached,
 )
@@ -232,10 +234,10 @@ def _prepare(m: Any) -> None:
 
 
 @kernel
-def _go_to(m: Any, n: float, e: float, u: float) -> None:
-    """Flies to a point at the speeds that the mission has requested."""
+def _go_to(m: Any, n: float, e: float, u: float, above: bool = False) -> None:
+    """Flies to a point at the speeds that the mission has requested; `above`: its height is above the terrain."""
     _prepare(m)
-    set_leg(m, n, e, u, False)
+    set_leg(m, n, e, u, above)
 
 
 # ---- LOITER_TURNS --------------------------------------------------------------------------------------------------
@@ -246,6 +248,10 @@ def _begin_turns(m: Any, row: int) -> None:
     """Flies to the edge of the circle, or begins at once near its centre; radii are stored in whole metres."""
     r = m.mission[row]
     n, e, up = place(m, row)
+    m.circle_above = is_above_terrain(m, row)
+    if m.circle_above:
+        up = r[Z]
+    m.circle_up, m.surface_gap = up, 0.0
     wanted = abs(r[P3])
     radius = math.floor(wanted)
     if wanted > _RADIUS_COARSE:
@@ -262,7 +268,7 @@ def _begin_turns(m: Any, row: int) -> None:
         return
     dn, de = m.position_neu[0] - n, m.position_neu[1] - e
     from_centre = math.sqrt(dn * dn + de * de)
-    _go_to(m, edge_n, edge_e, up)
+    _go_to(m, edge_n, edge_e, up, bool(m.circle_above))
     if from_centre <= m.circle_radius or from_centre <= _LOOK_AT_EDGE:
         hold_heading(m)
 

@@ -17,16 +17,19 @@ from cosim_models.autopilot.control.position import (
     control_ne,
     control_up,
     seek_position_ne,
-    seek_velocity_up,
+    seek_position_up,
     stopping_ne,
 )
 from cosim_models.autopilot.control.shaping import clip, wrap_pi
+from cosim_models.autopilot.flight.terrain_following import climb_over_surface
 from cosim_models.autopilot.flight.yaw import lean, look_round
+from cosim_models.autopilot.mission.terrain import measured_terrain
 
 __all__ = ["begin_circle", "go_round", "nearest_on_circle"]
 
 _ACCEL_MIN = math.radians(2.0)  # rad/s2
 _ALONG = 2  # CIRCLE_OPTIONS
+_UNKNOWN = 5.0  # s without the terrain's height
 
 
 @kernel
@@ -77,8 +80,21 @@ def _turn(m: Any, dt: float) -> None:
 
 
 @kernel
+def _follow_terrain(m: Any, dt: float) -> None:
+    """Keeps the height of the circle above the terrain; 5 s without the terrain's height begin the fail-safe."""
+    known, up = measured_terrain(m)
+    if known:
+        m.terrain_target = up
+        m.surface_gap = 0.0
+    else:
+        m.surface_gap += dt
+        m.terrain_missing = m.surface_gap > _UNKNOWN
+    seek_position_up(m, m.circle_up + m.terrain_target, 0.0, dt)
+
+
+@kernel
 def go_round(m: Any, climb: float, dt: float) -> None:
-    """Performs one step around the centre, facing it, with a climb rate [m/s]."""
+    """Performs one step around the centre, facing it, with a climb rate [m/s], or above the terrain."""
     _turn(m, dt)
     c = m.circle_centre
     seek_position_ne(
@@ -87,7 +103,10 @@ def go_round(m: Any, climb: float, dt: float) -> None:
         c[1] + m.circle_radius * math.sin(m.circle_angle),
         dt,
     )
-    seek_velocity_up(m, climb, 0.0, False, dt)
+    if m.circle_above:
+        _follow_terrain(m, dt)
+    else:
+        climb_over_surface(m, climb, dt)
     nose = m.circle_angle
     if m.circle_radius > 0.0:
         nose = math.atan2(c[1] - m.desired_position_neu[1], c[0] - m.desired_position_neu[0])

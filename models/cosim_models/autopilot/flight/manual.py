@@ -26,7 +26,6 @@ from cosim_models.autopilot.control.position import (
     initialise_up,
     relax_ne,
     seek_position_up,
-    seek_velocity_up,
     set_throttle,
     soften_for_landing,
     stop_ne,
@@ -46,6 +45,7 @@ from cosim_models.autopilot.flight.sticks import (
     pilot_yaw_rate,
     throttle_zero,
 )
+from cosim_models.autopilot.flight.terrain_following import climb_over_surface
 from cosim_models.autopilot.flight.yaw import circle_nose, look_round
 from cosim_models.autopilot.record.modes import STABILIZE
 
@@ -140,7 +140,7 @@ def is_flying(m: Any, climb: float, t: float, dt: float) -> bool:
 def climb_by_stick(m: Any, climb: float, dt: float) -> None:
     """Runs height control at the demanded climb rate, or the pilot's take-off."""
     if not m.pilot_takeoff:
-        seek_velocity_up(m, climb, 0.0, False, dt)
+        climb_over_surface(m, climb, dt)
         control_up(m, dt)
         return
     m.spool_wanted = THROTTLE_UNLIMITED
@@ -336,6 +336,7 @@ def start_circle(m: Any) -> None:
     initialise_up(m)
     _take_circle(m)
     ahead = 0.0 if (m.CIRCLE_OPTIONS & _AT_CENTRE) != 0 else m.circle_radius
+    m.circle_above = False
     m.circle_centre[0] = m.desired_position_neu[0] + ahead * math.cos(heading)
     m.circle_centre[1] = m.desired_position_neu[1] + ahead * math.sin(heading)
     begin_circle(m, True)

@@ -40,6 +40,7 @@ from cosim_models.autopilot.flight.manual import (
 from cosim_models.autopilot.flight.returning.rtl import run_rtl, start_rtl
 from cosim_models.autopilot.flight.returning.smart_rtl import leave_smart_rtl, run_smart_rtl, start_smart_rtl
 from cosim_models.autopilot.flight.state import needs_position, position_ready
+from cosim_models.autopilot.flight.terrain_following import leave_surface
 from cosim_models.autopilot.flight.tuning.autotune import (
     leave_autotune,
     run_autotune,
@@ -111,6 +112,7 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
         leave_smart_rtl(m)
     elif previous == AUTOTUNE:
         leave_autotune(m)
+    leave_surface(m)
     m.mode = mode
     m.auto_rtl = False
     m.legs_active = False

@@ -1,12 +1,16 @@
 """Flight above terrain: destinations whose heights refer to the terrain, and the height by which their path is raised.
 
+The modes of a pilot follow the surface below the rangefinder in the same way, relative to their height when it is first
+seen: by SURFTRAK_MODE 1, ALT_HOLD, LOITER, POSHOLD, ZIGZAG and CIRCLE.
+
 While m.above_terrain, the height of m.guided_position_neu is above the terrain, and so are those of the legs. The
 shaped path is planned above the terrain, too, and raised by m.terrain_shift (height, speed, acceleration), which moves
 to the terrain's height below the vehicle within the limits of the vertical speed, acceleration and jerk. So m.desired_*
 are always relative to the local origin; `lower` and `raise_up` enclose the code that plans the path. Kernels over the
 autopilot's record `m`.
 
-Source: ArduPilot, AC_WPNav and AC_PosControl (update_terrain, pos_terrain_U_scaler_m), ArduCopter 4.7-dev.
+Source: ArduPilot, AC_WPNav and AC_PosControl (update_terrain, pos_terrain_U_scaler_m), ArduCopter 4.7-dev
+(surface_tracking).
 """
 
 from __future__ import annotations
@@ -15,11 +19,15 @@ from typing import Any
 
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.pid import ERROR
+from cosim_models.autopilot.control.position import seek_velocity_up
 from cosim_models.autopilot.control.shaping import advance_limited, clip, shape_position
-from cosim_models.autopilot.mission.terrain import measured_terrain, terrain_above_origin
+from cosim_models.autopilot.mission.terrain import measured_terrain, range_is_healthy, terrain_above_origin
+from cosim_models.autopilot.record.modes import ALT_HOLD, CIRCLE, LOITER, POSHOLD, ZIGZAG
 
 __all__ = [
+    "climb_over_surface",
     "destination_up",
+    "leave_surface",
     "lower",
     "margin_share",
     "note_terrain",
@@ -30,6 +38,8 @@ __all__ = [
 
 _LEAST_SHARE = 0.01
 _GOOD = 0.1  # s after which a gap has ended
+_GROUND = 1  # SURFTRAK_MODE
+_LOST = 1.0  # s without the surface, after which it is not followed
 
 
 @kernel
@@ -120,3 +130,51 @@ def margin_share(m: Any, margin: float) -> float:
     half = 0.5 * margin
     error = abs(m.position_neu[2] - m.desired_position_neu[2] - m.terrain_target)
     return clip(1.0 - (error - half) / half, _LEAST_SHARE, 1.0)
+
+
+# ---- the surface below a pilot's modes -----------------------------------------------------------------------------
+
+
+@kernel
+def _follows(m: Any) -> bool:
+    """Returns whether the mode follows the surface below the rangefinder."""
+    return bool(m.SURFTRAK_MODE == _GROUND and m.mode in (ALT_HOLD, LOITER, POSHOLD, ZIGZAG, CIRCLE))
+
+
+@kernel
+def _see_surface(m: Any, dt: float) -> None:
+    """Takes the measured height of the surface for that of the path, or leaves it after a second without one."""
+    if not range_is_healthy(m) or m.range_jumps != 0:
+        m.surface_gap += dt
+        if m.surface_gap > _LOST:
+            m.terrain_on = False
+        return
+    s = m.terrain_shift
+    if not m.terrain_on:
+        s[1], s[2] = 0.0, 0.0
+    if not m.terrain_on or m.surface_gap > _LOST or m.surface_cleared != m.range_cleared:
+        s[0] = m.range_terrain
+    m.terrain_on = True
+    m.terrain_target = m.range_terrain
+    m.surface_cleared = m.range_cleared
+    m.surface_gap = 0.0
+
+
+@kernel
+def climb_over_surface(m: Any, rate: float, dt: float) -> None:
+    """Shapes the desired climb rate; with a rangefinder, relative to the surface if the mode follows it."""
+    if m.ranging and _follows(m):
+        _see_surface(m, dt)
+        if m.terrain_on:
+            lower(m)
+            seek_velocity_up(m, rate, 0.0, False, dt)
+            raise_up(m, dt)
+            return
+    seek_velocity_up(m, rate, 0.0, False, dt)
+
+
+@kernel
+def leave_surface(m: Any) -> None:
+    """Ends the following of the surface; the desired motion stays."""
+    if m.ranging and _follows(m):
+        m.terrain_on = False

@@ -54,6 +54,7 @@ from cosim.messages import (
     MAV_SYS_STATUS_PREARM_CHECK,
     MAV_SYS_STATUS_SENSOR_BATTERY,
     MAV_SYS_STATUS_SENSOR_GPS,
+    MAV_SYS_STATUS_SENSOR_LASER_POSITION,
     MAV_SYS_STATUS_SENSOR_PROPULSION,
     MEMINFO,
     MESSAGE_INTERVAL,
@@ -247,6 +248,10 @@ def _send_sys_status(m: Any, t: float) -> bool:
     if m.armed:
         enabled += _ENABLED_ARMED
         health += _POSITION_CONTROL
+    if m.ranging:
+        present += MAV_SYS_STATUS_SENSOR_LASER_POSITION
+        enabled += MAV_SYS_STATUS_SENSOR_LASER_POSITION
+        health += MAV_SYS_STATUS_SENSOR_LASER_POSITION
     if m.armed or prearm_ready(m, t):
         health += MAV_SYS_STATUS_PREARM_CHECK
     if m.battery_alarm != 0:

@@ -18,12 +18,14 @@ from cosim.messages import (
     ATTITUDE_QUATERNION,
     ATTITUDE_TARGET,
     AUTOPILOT_STATE_FOR_GIMBAL_DEVICE,
+    DISTANCE_SENSOR,
     FLIGHT_INFORMATION,
     HIGH_LATENCY2,
     HIGHRES_IMU,
     HWSTATUS,
     LOG_ENTRY,
     LOG_REQUEST_LIST,
+    RANGEFINDER,
     RELAY_STATUS,
     SCALED_IMU2,
     SCALED_IMU3,
@@ -33,11 +35,13 @@ from cosim.messages import (
     encode_attitude_quaternion,
     encode_attitude_target,
     encode_autopilot_state_for_gimbal_device,
+    encode_distance_sensor,
     encode_flight_information,
     encode_high_latency2,
     encode_highres_imu,
     encode_hwstatus,
     encode_log_entry,
+    encode_rangefinder,
     encode_relay_status,
     encode_terrain_report,
     encode_wind,
@@ -63,7 +67,7 @@ from cosim_models.autopilot.link.links import can_answer, microseconds, millisec
 from cosim_models.autopilot.link.statustext import ERROR, LOG_DISARM, NO_NUMBER, say_here
 from cosim_models.autopilot.mavlink.sensor_messages import fill_pressure, fill_scaled_imu, pressure
 from cosim_models.autopilot.mavlink.status_messages import going
-from cosim_models.autopilot.mission.terrain import terrain_above_origin
+from cosim_models.autopilot.mission.terrain import ranged_distance, terrain_above_origin
 
 __all__ = ["answer_log_request", "send_requested", "send_terrain"]
 
@@ -72,6 +76,8 @@ _FIELDS = 0x3F + 0x200 + 0x800 + 0x1000
 _SPACING = 100  # m between the points of a terrain grid
 _SUPPLY = 5000  # mV
 _GOOD = 831  # EKF_STATUS_FLAGS with a position
+_DOWN = 25  # MAV_SENSOR_ROTATION_PITCH_270
+_UNKNOWN_SENSOR = 4  # MAV_DISTANCE_SENSOR_UNKNOWN
 _SENSED = 5.0  # HIGH_LATENCY2 carries speeds in 0.2 m/s
 
 
@@ -272,6 +278,21 @@ def _send_mode(m: Any) -> bool:
 
 
 @kernel
+def _send_distance(m: Any, message: int, t: float) -> bool:
+    """Sends RANGEFINDER or DISTANCE_SENSOR, if there is a rangefinder."""
+    if not m.ranging:
+        return True
+    distance = ranged_distance(m)
+    if message == RANGEFINDER:
+        encode_rangefinder(m.payload, distance, 0.0)
+        return send(m, RANGEFINDER)
+    least, most = int(min(100.0 * m.RNGFND1_MIN, 65535.0)), int(min(100.0 * m.RNGFND1_MAX, 65535.0))
+    here = int(min(100.0 * distance, 65535.0))
+    encode_distance_sensor(m.payload, milliseconds(t), least, most, here, _UNKNOWN_SENSOR, 0, _DOWN, 0, 0.0, 0.0, 0)
+    return send(m, DISTANCE_SENSOR)
+
+
+@kernel
 def send_requested(m: Any, message: int, t: float) -> bool:
     """Sends one of these messages, given by its id; returns whether it fitted."""
     if message in (SCALED_IMU2, SCALED_IMU3):
@@ -285,6 +306,8 @@ def send_requested(m: Any, message: int, t: float) -> bool:
     if message == TERRAIN_REPORT:
         lat, lon, _ = _place(m)
         return send_terrain(m, lat, lon)
+    if message in (RANGEFINDER, DISTANCE_SENSOR):
+        return _send_distance(m, message, t)
     if message == ATTITUDE_QUATERNION:
         return _send_quaternion(m, t)
     if message == ATTITUDE_TARGET:

@@ -25,6 +25,7 @@ __all__ = [
     "look_down",
     "measured_terrain",
     "range_is_healthy",
+    "ranged_distance",
     "ranged_height",
     "refer_terrain",
     "start_ranging",
@@ -98,6 +99,17 @@ def range_is_healthy(m: Any) -> bool:
 
 
 @kernel
+def ranged_distance(m: Any) -> float:
+    """Returns the distance to the ground below the vehicle's body [m], not less than 0."""
+    p = m.position_neu
+    ground = m.ground_reference
+    if m.terrain_spacing > 0.0:
+        ground += _grid_height(m, p[0], p[1])
+    upright = 1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2])
+    return float(max(p[2] - ground, 0.0) / max(upright, _LEAST_UPRIGHT))
+
+
+@kernel
 def ranged_height(m: Any) -> float:
     """Returns the height above the ground [m] by the filtered measurements of the rangefinder."""
     return float(m.range_filtered + m.position_neu[2] - m.range_from)
@@ -107,11 +119,8 @@ def ranged_height(m: Any) -> float:
 def _measure(m: Any, t: float) -> None:
     """Takes a measurement. Three in a row that jump by 2 m are believed."""
     p = m.position_neu
-    ground = m.ground_reference
-    if m.terrain_spacing > 0.0:
-        ground += _grid_height(m, p[0], p[1])
+    distance = ranged_distance(m)
     upright = 1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2])
-    distance = max(p[2] - ground, 0.0) / max(upright, _LEAST_UPRIGHT)
     good = m.RNGFND1_MIN <= distance <= m.RNGFND1_MAX
     m.range_count = min(m.range_count + 1, _MOST) if good else 0
     height = max(upright, _TILTED) * distance
@@ -127,6 +136,7 @@ def _measure(m: Any, t: float) -> None:
     if begins:
         m.range_jumps = 0
         m.range_height = height
+        m.range_cleared += 1
     if m.range_count >= _GOOD:
         if t - m.range_good_at > _STALE:
             m.range_filtered = height

@@ -413,6 +413,7 @@ TERRAIN_PARAMETERS = _rare(
     _real("RNGFND1_MIN", "m", 0.2, "rangefinder: least distance", 0.0),
     _real("RNGFND1_MAX", "m", 7.0, "rangefinder: greatest distance", 0.0),
     _real("RNGFND_FILT", "Hz", 0.5, "rangefinder: filter of the distance, 0: none", 0.0),
+    _whole("SURFTRAK_MODE", 1, "1: a pilot's modes follow the surface below the rangefinder; 0: they do not", 0, 2),
     _real("SURFTRAK_TC", "s", 1.0, "rangefinder: time constant of the terrain's height", 0.0),
     _real("terrain_spacing", "m", 0.0, "distance of the points of the terrain's grid; 0: a plane", 0.0),
     Parameter("terrain_origin", shape=2, unit="m", start=0.0, description="the grid's first point, north and east"),

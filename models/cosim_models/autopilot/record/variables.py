@@ -142,6 +142,11 @@ MEMORY = (
     Memory("range_from", rare=True),  # height of the vehicle at the last measurement
     Memory("range_terrain", rare=True),  # filtered height of the terrain above the local origin
     Memory("range_trusted", dtype="?", rare=True),
+    Memory("range_cleared", dtype="i4", rare=True),  # jumps that were believed
+    Memory("surface_cleared", dtype="i4", rare=True),  # the same, when the surface was last followed
+    Memory("surface_gap", rare=True),  # s for which the surface has not been seen
+    Memory("circle_up", rare=True),  # height of the circle's centre above the terrain
+    Memory("circle_above", dtype="?", rare=True),  # it is above the terrain
     Memory("angle_q", shape=4, rare=True),  # attitude demanded by SET_ATTITUDE_TARGET
     Memory("angle_free", dtype="?", rare=True),  # it demands only angular velocities
     Memory("angle_rates", shape=3, rare=True),
