@@ -1,7 +1,8 @@
 """Shortcuts in numba's compiler: the same types, the same IR and the same machine code in two thirds of the time.
 
-numba resolves the type of every call anew, although a thousand functions add the same two floats, and it computes which
-variables are alive after each of its passes, although only the last result is used. `use` replaces both.
+numba resolves the type of every call anew, although a thousand functions add the same two floats, it computes which
+variables are alive after each of its passes, although only the last result is used, and it looks for new declarations
+of extensions several times per function. `use` replaces all three.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ from inspect import unwrap
 from typing import Any
 
 from numba.core import ir, postproc, transforms
+from numba.core.base import BaseContext
 from numba.core.types.functions import BaseFunction
+from numba.core.typing.context import BaseContext as TypingContext
 
 __all__ = ["use"]
 
@@ -81,8 +84,42 @@ def _postprocess(self: Any, emit_dels: bool = False, **options: Any) -> None:
     function.generator_info = None
 
 
+# ---- declarations ----------------------------------------------------------------------------------------------------
+
+_refresh_functions: Any = unwrap(BaseContext.refresh)
+_refresh_types: Any = unwrap(TypingContext.refresh)
+
+
+def _has_new(context: Any) -> bool:
+    """Returns whether a registry that `context` knows has grown since it was asked last; registries never shrink."""
+    every = context._registries.items()
+    declared = sum(len(getattr(registry, kind)) for registry, loader in every for kind in loader.registry_items)
+    known, context.declared = getattr(context, "declared", None), declared
+    return bool(known != declared)
+
+
+@wraps(_refresh_functions)
+def _refresh(self: Any) -> None:
+    """Loads new declarations, if there are any, of functions and their types."""
+    if _has_new(self):
+        _refresh_functions(self)
+        _has_new(self)
+    else:
+        self.typing_context.refresh()
+
+
+@wraps(_refresh_types)
+def _refresh_typing(self: Any) -> None:
+    """Loads new declarations of types, if there are any."""
+    if _has_new(self):
+        _refresh_types(self)
+        _has_new(self)
+
+
 def use() -> None:
     """Replaces functions of numba by those of this module, for every function that this process compiles."""
     setattr(BaseFunction, "get_call_type", _known_call_type)  # noqa: B010 (numba is typed in part)
     ir.Inst._rec_list_vars = _list_variables
     postproc.PostProcessor.run = _postprocess
+    setattr(BaseContext, "refresh", _refresh)  # noqa: B010
+    setattr(TypingContext, "refresh", _refresh_typing)  # noqa: B010

@@ -141,6 +141,43 @@ def test_an_extension_that_comes_later_counts() -> None:
     assert len(templates) > len(of.templates)
 
 
+def test_declarations_are_loaded_when_there_are_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(type(cpu_target.target_context), "refresh", shortcuts._refresh)
+    monkeypatch.setattr(type(cpu_target.typing_context), "refresh", shortcuts._refresh_typing)
+    loaded: list[str] = []
+
+    def counted(name: str) -> Callable[[Any], None]:
+        real = getattr(shortcuts, name)
+
+        def load(context: Any) -> None:
+            loaded.append(name)
+            real(context)
+
+        return load
+
+    target = cpu_target.target_context
+    target.refresh()
+    for name in ("_refresh_functions", "_refresh_types"):
+        monkeypatch.setattr(shortcuts, name, counted(name))
+    target.refresh()
+    assert loaded == []
+
+    @numba.extending.overload(clipped.py_func)  # type: ignore[attr-defined]  # of types
+    def clipped_too(x):  # type: ignore[no-untyped-def]
+        return lambda x: x
+
+    target.refresh()
+    assert loaded == ["_refresh_types"]
+
+    @numba.extending.lower_builtin(clipped.py_func, types.float64)  # type: ignore[attr-defined]  # of functions
+    def clipped_as_well(*_: Any) -> None: ...
+
+    target.refresh()
+    target.refresh()
+    assert loaded == ["_refresh_types", "_refresh_functions"]
+    assert target._defns[clipped.py_func].versions  # type: ignore[attr-defined]
+
+
 def test_other_users_of_numba() -> None:
     """Generators, and functions that stay with Python's objects, which need numba's full post-processing."""
 

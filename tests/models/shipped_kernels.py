@@ -56,7 +56,19 @@ def kernels(model: type[Model]) -> tuple[Callable[[Any], int], Callable[[Any, fl
     (folder / "model.o").write_bytes(code)
     (folder / "shim.c").write_text(SHIM, encoding="utf-8")
     library = folder / f"kernels{TARGETS[HOST].suffix}"
-    command = [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[HOST].zig, "-O2", "-shared", "-fPIC", "-s"]
+    command = [
+        sys.executable,
+        "-m",
+        "ziglang",
+        "cc",
+        "-target",
+        TARGETS[HOST].zig,
+        "-O2",
+        "-shared",
+        "-fPIC",
+        "-s",
+        "-rtlib=none",
+    ]
     subprocess.run([*command, "shim.c", "model.o", "-lm", "-o", library], cwd=folder, check=True)
     functions = ctypes.CDLL(str(library))
     functions.advance.argtypes = (ctypes.c_void_p, ctypes.c_double, ctypes.c_double)

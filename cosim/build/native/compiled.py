@@ -271,6 +271,8 @@ def _for_target(ir: str, target: Target, machine: Any) -> str:
 
 def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
     """Compiles fmi2.c or fmi3.c with model.h and links it with `code` to a library that needs only libc and libm."""
+    source = Path(__file__).with_name(f"fmi{fmi}.c")
+    flags = ["-std=gnu11", "-O2", "-g0", "-fvisibility=hidden", "-shared", f"-I{library.parent}"]
     if os.environ.get("CC") and target == HOST:
         try:
             compiler = shlex.split(os.environ["CC"])
@@ -279,10 +281,10 @@ def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
             raise RuntimeError(f"{model}: {text}") from None
     else:
         compiler = [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[target].zig]
-    source = Path(__file__).with_name(f"fmi{fmi}.c")
-    flags = ["-std=gnu11", "-O2", "-g0", "-fvisibility=hidden", "-shared", f"-I{library.parent}"]
-    if not target.startswith("windows"):
-        flags.append("-fPIC")
+        if not target.startswith("windows"):
+            flags.append("-rtlib=none")  # zig's runtime library: no kernel calls it, and it takes seconds to compile
+    # zig compiles the C library of Windows once for files with symbols and once for those without, as the master's are.
+    flags.append("-s" if target.startswith("windows") else "-fPIC")
     if target.startswith("linux"):
         flags += ["-Wl,--no-undefined", "-Wl,-s", "-Wl,-Bsymbolic"]
     command = [*compiler, *flags, str(source), str(code), "-lm", "-o", str(library)]

@@ -352,7 +352,7 @@ def test_unknown_target(samples: SimpleNamespace, tmp_path: Path) -> None:
 def test_cc_is_used(samples: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = tmp_path / "calls"
     compiler = tmp_path / "my cc"
-    zig = f'"{sys.executable}" -m ziglang cc -target {TARGETS[HOST].zig}'
+    zig = f'"{sys.executable}" -m ziglang cc -target {TARGETS[HOST].zig} -rtlib=none'
     compiler.write_text(f'#!/bin/sh\necho "$@" >> "{calls}"\nexec {zig} "$@"\n')
     compiler.chmod(0o755)
     monkeypatch.setenv("CC", f"'{compiler}' -DFROM_CC")

@@ -373,7 +373,7 @@ def test_both_sides_run_on_windows(of_windows: tuple[Path, Path], tmp_path: Path
     described = fmpy.read_model_description(str(of_windows[0]))
     master, windows = tmp_path / "master.exe", "x86_64-windows-gnu"
     source = Path(__file__).with_name("master_of_windows.c")
-    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", windows, "-O1", "-Wall"]
+    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", windows, "-O1", "-Wall", "-s"]
     subprocess.run([*compiler, str(source), "-o", str(master), "-lws2_32"], check=True)
     library = unpacked["windows"] / "binaries" / "win64" / "PointMass.dll"
     files = [str(connecting(windows)), str(portable(windows)), str(library)]

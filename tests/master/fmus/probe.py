@@ -23,8 +23,8 @@ LEVEL = (
 PORTS = "u:input n:input b:input s:input e:input p:parameter y:output m:output c:output r:output f:output"
 
 SHARED_LIBRARY = [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[HOST].zig]
-SHARED_LIBRARY += ["-std=gnu11", "-O1", "-shared", "-fPIC", "-s"]
-"""The compiler, for the target of FMUs and without symbols as they are: zig then takes the same runtime library."""
+SHARED_LIBRARY += ["-std=gnu11", "-O1", "-shared", "-fPIC", "-s", "-rtlib=none"]
+"""The compiler, for the target of FMUs and, as they are, without zig's runtime library, which takes seconds to make."""
 
 
 @cache

@@ -34,6 +34,8 @@ _PORTABLE = ("-std=gnu11", "-O2", "-g0", "-Wall", "-Wextra", "-Werror")
 _LIBRARIES = ("-lm", "-lpthread", "-ldl")
 _STRIPPED = "-s"
 """As FMUs are linked: zig compiles its runtime library once for programs with symbols and once for those without."""
+_NO_RUNTIME = "-rtlib=none"
+"""Of zig: these sources need its runtime library, which takes seconds to compile, on Windows only."""
 
 
 class CannotIsolate(Exception):
@@ -121,7 +123,7 @@ def _native(name: str, target: str, suffix: str, *flags: str) -> Path:
         with tempfile.TemporaryDirectory(dir=kept.parent, prefix="new-") as folder:
             fresh = Path(folder) / kept.name
             command = [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else []), *_PORTABLE]
-            more = ["-lws2_32"] if _windows(target) else list(_LIBRARIES)
+            more = ["-lws2_32"] if _windows(target) else [*_LIBRARIES, _NO_RUNTIME]
             _run([*command, _STRIPPED, *flags, str(_SOURCES / f"{name}.c"), "-o", str(fresh), *more])
             fresh.replace(kept)
         seal(kept)
@@ -144,7 +146,8 @@ def _compile(folder: Path) -> None:
             text = f'their C part is not compiled: the quotes of CC="{os.environ["CC"]}" do not match'
             raise CannotIsolate(text) from None
     elif find_spec("ziglang") is not None:
-        compiler = [sys.executable, "-m", "ziglang", "cc", "-target", f"{platform.machine()}-linux-gnu.2.17"]
+        zig = [sys.executable, "-m", "ziglang", "cc"]
+        compiler = [*zig, "-target", f"{platform.machine()}-linux-gnu.2.17", _NO_RUNTIME]
     else:
         text = "their C part is not compiled: install uav-cosim[build], which brings a C compiler, or set CC"
         raise CannotIsolate(text)
