@@ -204,7 +204,7 @@ def advance(m: Any, t: float, h: float) -> int:
     run_rates(m, h)
     run_motors(m, h)
     if m.outputs_busy:
-        run_outputs(m, t)
+        run_outputs(m, t, h)
     if m.sim_on:
         fail_motors(m)
         blow(m, h)

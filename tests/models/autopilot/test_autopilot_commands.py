@@ -517,7 +517,7 @@ def test_auxiliary_functions() -> None:
     assert copter.m["FENCE_ENABLE"] == 1
     answers = copter.ask(mavlink.MAV_CMD_DO_AUX_FUNCTION, 9999, 2)
     assert (result(answers), texts(answers)) == (FAILED, [(6, "Invalid channel option (9999)")])
-    assert result(copter.ask(mavlink.MAV_CMD_DO_AUX_FUNCTION, 31, 2)) == ACCEPTED
+    assert result(copter.ask(mavlink.MAV_CMD_DO_AUX_FUNCTION, 81, 2)) == ACCEPTED
     assert not copter.m["armed"]
 
 

@@ -125,11 +125,11 @@ def test_a_parameter_that_is_set_acts() -> None:
 
 
 def test_every_parameter_is_read_by_the_laws() -> None:
-    """None is listed that does nothing. Calibrations of channels, modes of the switch and rates are read by place."""
+    """None is listed that does nothing. Calibrations and functions of channels, modes and rates are read by place."""
     folder = Path(cosim_models.__file__).parent
     sources = "".join(file.read_text() for file in folder.rglob("*.py") if file.name != "parameters.py")
     for name in PARAMETER_NAMES:
-        if not re.fullmatch(r"RC\d_(MIN|TRIM|MAX|DZ|REVERSED)|FLTMODE\d|SR\d_\w+", name):
+        if not re.fullmatch(r"RC\d+_(MIN|TRIM|MAX|DZ|REVERSED|OPTION)|FLTMODE\d|SR\d_\w+", name):
             assert f"m.{name}" in sources, name
 
 

@@ -25,6 +25,7 @@ from cosim_models.autopilot.commander.actions import (
     RETURNS_BY_PATH_OR_LANDS,
     act,
 )
+from cosim_models.autopilot.commander.auxiliary import watch_auxiliary
 from cosim_models.autopilot.commander.battery import CRITICAL_CHARGE, drain, new_alarm
 from cosim_models.autopilot.commander.checks import watch_flight
 from cosim_models.autopilot.commander.sensors import watch_sensors
@@ -341,6 +342,7 @@ def watch(m: Any, t: float) -> None:
     _watch_station(m, t)
     _watch_radio(m, t)
     watch_switches(m, t)
+    watch_auxiliary(m, t)
     if m.terrain_on or m.terrain_missing or m.terrain_failsafe:
         watch_terrain(m, t)
     if m.FENCE_ENABLE == 0:

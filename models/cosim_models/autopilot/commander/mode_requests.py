@@ -41,6 +41,7 @@ from cosim_models.autopilot.link.statustext import (
     ARM_RTL_RANGE_END,
     ARM_RTL_TERRAIN,
     ARM_RTL_TERRAIN_END,
+    ARM_STOPPED,
     ARM_TERRAIN,
     ARM_THROTTLE,
     ARM_VOLTAGE,
@@ -416,6 +417,9 @@ def arm_checked(m: Any, forced: bool, by_stick: bool, t: float) -> int:
     """Arms after ArduCopter's checks, or without them if `forced`; returns a MAV_RESULT."""
     if m.armed:
         return MAV_RESULT_ACCEPTED
+    if m.emergency_stop and not forced:
+        say(m, CRITICAL, ARM_STOPPED, NO_NUMBER)
+        return MAV_RESULT_FAILED
     if not forced and not (check_arming(m, False, t) and _is_armable(m, by_stick, t)):
         return MAV_RESULT_FAILED
     arm(m, t)

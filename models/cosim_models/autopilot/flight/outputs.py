@@ -15,6 +15,7 @@ from typing import Any
 from cosim.kernel import kernel
 from cosim.messages import MAV_RESULT_ACCEPTED, MAV_RESULT_FAILED
 from cosim_models.autopilot.control.shaping import clip
+from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.sticks import channel
 from cosim_models.autopilot.link.statustext import (
     CRITICAL,
@@ -28,7 +29,7 @@ from cosim_models.autopilot.link.statustext import (
 )
 from cosim_models.autopilot.record.variables import SERVOS
 
-__all__ = ["repeat_relay", "repeat_servo", "run_outputs", "set_relay", "set_servo", "test_motors"]
+__all__ = ["repeat_relay", "repeat_servo", "run_outputs", "set_relay", "set_servo", "stop_motors", "test_motors"]
 
 _SERVO, _RELAY = 1, 2  # m.repeat_kind
 _TRIM = 1500  # us, the centre of a servo
@@ -119,6 +120,26 @@ def _run_repetition(m: Any, t: float) -> None:
     m.repeat_left -= 1
 
 
+# ---- emergency stop ------------------------------------------------------------------------------------------------
+
+
+@kernel
+def stop_motors(m: Any, stops: bool) -> None:
+    """Begins or ends the emergency stop, in which no motor turns; half of DISARM_DELAY later, the vehicle disarms."""
+    m.emergency_stop = stops
+    m.stopped_for = 0.0
+    m.outputs_busy = m.outputs_busy or stops
+
+
+@kernel
+def _hold_still(m: Any, dt: float) -> None:
+    for i in range(m.motor_count):
+        m.motor[i] = 0.0
+    m.stopped_for = m.stopped_for + dt if m.armed else 0.0
+    if m.DISARM_DELAY > 0.0 and m.stopped_for >= 0.5 * m.DISARM_DELAY - 1e-9:
+        disarm(m)
+
+
 # ---- motor test ----------------------------------------------------------------------------------------------------
 
 
@@ -198,12 +219,14 @@ def _run_test(m: Any, t: float) -> None:
 
 
 @kernel
-def run_outputs(m: Any, t: float) -> None:
-    """Continues repetitions and a motor test; required in every step while m.outputs_busy, after the motors."""
+def run_outputs(m: Any, t: float, dt: float) -> None:
+    """Continues repetitions, a motor test and a stop; required in every step while m.outputs_busy, after the motors."""
     _run_repetition(m, t)
+    if m.emergency_stop:
+        _hold_still(m, dt)
     if m.test_motor > 0:
         if m.armed:
             _end_test(m)
         else:
             _run_test(m, t)
-    m.outputs_busy = m.repeat_left > 0 or m.test_motor > 0
+    m.outputs_busy = m.repeat_left > 0 or m.test_motor > 0 or m.emergency_stop

@@ -5,7 +5,7 @@ Channels without an override have neutral inputs, as in a simulated ArduCopter: 
 closed on the ground and in modes flown by throttle, and centred otherwise. SIM_RC_FAIL removes these inputs. Kernels
 over the autopilot's record `m`; the modes use the sticks, and a lost radio is handled in `failsafes`.
 
-Not here: simple modes, trims by ear, auxiliary switches.
+Not here: simple modes, trims by ear.
 
 Source: ArduPilot, RC_Channel, GCS_MAVLink and ArduCopter (radio, mode: get_pilot_desired_*).
 """
@@ -46,6 +46,7 @@ __all__ = [
     "override_active",
     "pilot_yaw_rate",
     "read_sticks",
+    "receiver_pulse",
     "stick_throttle",
     "throttle_open",
     "throttle_zero",
@@ -156,7 +157,7 @@ def by_throttle(mode: int) -> bool:
 
 
 @kernel
-def _receiver(m: Any, number: int) -> int:
+def receiver_pulse(m: Any, number: int) -> int:
     """Returns the neutral pulse [us] of channel `number`, without an override."""
     if m.SIM_RC_FAIL == NO_PULSES:
         return 0
@@ -181,7 +182,7 @@ def override_active(m: Any, number: int, t: float) -> bool:
 @kernel
 def channel(m: Any, number: int, t: float) -> int:
     """Returns the pulse [us] of channel `number` (from 1); 0 without a signal."""
-    return int(m.rc_override[number - 1]) if override_active(m, number, t) else _receiver(m, number)
+    return int(m.rc_override[number - 1]) if override_active(m, number, t) else receiver_pulse(m, number)
 
 
 @kernel

@@ -62,7 +62,11 @@ __all__ = [
     "AUTO_RTL_END",
     "AUTO_RTL_NOT_ARMABLE",
     "AUTO_RTL_START",
+    "ARM_STOPPED",
     "AUX_INVALID",
+    "NO_CEILING",
+    "NO_GROUND",
+    "SWITCHES",
     "AVOID_NOT_ARMABLE",
     "AVOID_REFUSED",
     "AVOID_REFUSED_END",
@@ -339,6 +343,20 @@ CALIBRATION_ARMED = _text(b"Disarm to allow calibration")
 COMPASS_ARMED = _text(b"Disarm to allow compass calibration")
 PLACE_LEVEL = _text(b"Place vehicle level and press any key.")
 AUX_INVALID = _text(b"Invalid channel option (%)")
+NO_GROUND = _text(b"SurfaceTracking: no downward rangefinder")
+NO_CEILING = _text(b"SurfaceTracking: no upward rangefinder")
+ARM_STOPPED = _text(b"Arm: Motors Emergency Stopped")
+_AUXILIARY = (
+    b"SaveWaypoint",
+    b"Fence",
+    b"MissionReset",
+    b"Relay1",
+    b"MotorEStop",
+    b"ClearWaypoint",
+    b"SurfaceTracking",
+)
+SWITCHES = _texts(b"RC%: " + name + at for name in _AUXILIARY for at in (b" LOW", b" MIDDLE", b" HIGH"))
+"""Three texts, of the positions low, middle and high, for each function."""
 BANNER = _text(b"ArduCopter V4.7.0-dev (90700977)")
 # Texts of frames: quad_plus, then by airframe.
 FRAMES = _text(b"Frame: QUAD/PLUS")

@@ -77,26 +77,21 @@ from cosim.messages import (
     MAV_RESULT_TEMPORARILY_REJECTED,
     MAV_RESULT_UNSUPPORTED,
 )
+from cosim_models.autopilot.commander.auxiliary import use_switch
 from cosim_models.autopilot.commander.battery import reset_battery
 from cosim_models.autopilot.commander.mode_requests import (
     arm_checked,
     change_mode,
     check_arming,
-    request_mode,
     start_landing_sequence,
 )
 from cosim_models.autopilot.commander.readiness import home_ready
 from cosim_models.autopilot.commander.reboot import ask_to_reboot
-from cosim_models.autopilot.commander.switches import return_to_switch
-from cosim_models.autopilot.control.shaping import clip
-from cosim_models.autopilot.flight.assisted.zigzag import return_to_pilot, store_or_go
 from cosim_models.autopilot.flight.auto import may_pause
 from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo, test_motors
-from cosim_models.autopilot.flight.state import disarm, reported_mode
-from cosim_models.autopilot.flight.tuning.autotune import select_gains
+from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.yaw import default_nose, look_at
 from cosim_models.autopilot.link.statustext import (
-    AUX_INVALID,
     BANNER,
     BAROMETER_BEGINS,
     BAROMETER_DONE,
@@ -122,26 +117,12 @@ from cosim_models.autopilot.link.statustext import (
 )
 from cosim_models.autopilot.mavlink.targets import altitude_reference, is_place, locate
 from cosim_models.autopilot.record.modes import (
-    ACRO,
     ALT_HOLD,
     AUTO,
-    AUTO_RTL,
-    AUTOTUNE,
     BRAKE,
-    CIRCLE,
-    DRIFT,
-    FLIP,
-    FLOWHOLD,
-    FOLLOW,
     GUIDED,
     LAND,
     LOITER,
-    POSHOLD,
-    RTL,
-    SMART_RTL,
-    STABILIZE,
-    THROW,
-    ZIGZAG,
 )
 
 __all__ = ["obey", "send_banner"]
@@ -183,35 +164,6 @@ _ACCEPTED_WITHOUT = np.array(
 """Commands that ArduCopter accepts without the device that they concern; they have no effect."""
 
 # Auxiliary functions (RCn_OPTION) that change the mode, and the modes.
-_AUX_MODES = np.array(
-    (
-        (2, FLIP),
-        (4, RTL),
-        (16, AUTO),
-        (18, LAND),
-        (17, AUTOTUNE),
-        (33, BRAKE),
-        (37, THROW),
-        (42, SMART_RTL),
-        (52, ACRO),
-        (55, GUIDED),
-        (56, LOITER),
-        (57, FOLLOW),
-        (60, ZIGZAG),
-        (68, STABILIZE),
-        (69, POSHOLD),
-        (70, ALT_HOLD),
-        (71, FLOWHOLD),
-        (72, CIRCLE),
-        (73, DRIFT),
-        (99, AUTO_RTL),
-    ),
-    dtype=np.int64,
-)
-_AUX_FENCE, _AUX_RELAY, _AUX_ESTOP, _AUX_ZIGZAG, _AUX_DISARM, _AUX_ARM_DISARM = 11, 28, 31, 61, 81, 153
-_AUX_TUNED_GAINS = 180
-_LOW, _MIDDLE, _HIGH = 0, 1, 2
-_AUX_LAST, _AUX_MORE, _AUX_LAST_MORE = 115, 150, 185  # ranges of functions that ArduCopter knows
 
 
 # ---- home and regions of interest ----------------------------------------------------------------------------------
@@ -303,41 +255,6 @@ def take_off_by_pilot(m: Any, height: float) -> bool:
     m.takeoff_to = m.home_neu[2] + height
     m.auto_armed = True
     return True
-
-
-@kernel
-def _switch(m: Any, function: float, position: float, t: float) -> int:
-    """Handles DO_AUX_FUNCTION: what a switch of the remote control would do; position 0 low, 1 middle, 2 high."""
-    if not 0.0 <= position < 3.0:
-        return MAV_RESULT_DENIED
-    at = int(position)
-    number = int(clip(function, 0.0, 65535.0)) if function == function else 65535
-    for i in range(_AUX_MODES.shape[0]):
-        if _AUX_MODES[i, 0] == number:
-            if at == _HIGH:
-                request_mode(m, int(_AUX_MODES[i, 1]), t)
-            elif _AUX_MODES[i, 1] == reported_mode(m) and m.mode != FLIP:
-                return_to_switch(m)
-            return MAV_RESULT_ACCEPTED
-    if number == _AUX_FENCE:
-        m.FENCE_ENABLE = 1 if at == _HIGH else 0
-    elif number == _AUX_ZIGZAG and m.mode == ZIGZAG:
-        if at == _MIDDLE:
-            return_to_pilot(m, False)
-        else:
-            store_or_go(m, 0 if at == _LOW else 1)
-    elif number == _AUX_TUNED_GAINS:
-        select_gains(m, at)
-    elif number == _AUX_RELAY:
-        set_relay(m, 0.0, 1.0 if at == _HIGH else 0.0)
-    elif number == _AUX_ARM_DISARM and at == _HIGH:
-        arm_checked(m, False, False, t)
-    elif (number == _AUX_ARM_DISARM and at == _LOW) or (number in (_AUX_DISARM, _AUX_ESTOP) and at == _HIGH):
-        disarm(m)
-    elif not (0 < number <= _AUX_LAST or _AUX_MORE <= number <= _AUX_LAST_MORE):
-        say(m, INFO, AUX_INVALID, number)
-        return MAV_RESULT_FAILED
-    return MAV_RESULT_ACCEPTED
 
 
 # ---- the station ---------------------------------------------------------------------------------------------------
@@ -488,7 +405,7 @@ def obey(
     if command == MAV_CMD_DO_MOTOR_TEST:
         return test_motors(m, p1, p2, p3, p4, float(x), t)
     if command == MAV_CMD_DO_AUX_FUNCTION:
-        return _switch(m, p1, p2, t)
+        return use_switch(m, p1, p2, t)
     if command == MAV_CMD_DO_FLIGHTTERMINATION:
         if not p1 > 0.5:
             return MAV_RESULT_FAILED

@@ -227,6 +227,12 @@ PILOT_PARAMETERS = _rare(
         _whole(f"RCMAP_{name}", number, f"channel of the {name.lower()} stick", 1, STICK_CHANNELS)
         for number, name in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), 1)
     ),
+    *(
+        _whole(
+            f"RC{number}_OPTION", 7 if number == 7 else 0, f"function of channel {number}'s switch, 0: none", 0, 32767
+        )
+        for number in range(1, 17)
+    ),
     Parameter(
         "RC_OVERRIDE_TIME",
         unit="s",

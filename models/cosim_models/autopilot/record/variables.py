@@ -266,6 +266,11 @@ MEMORY = (
     Memory("rudder_count", dtype="i4", rare=True),
     Memory("loiter_tilt", shape=2, rare=True),  # roll and pitch as they will follow the sticks
     Memory("loiter_tilt_rate", shape=2, rare=True),
+    Memory("emergency_stop", dtype="?", rare=True),  # no motor turns
+    Memory("stopped_for", rare=True),  # s, armed
+    Memory("aux_position", dtype="i4", shape=CHANNELS, rare=True),  # of switches with a function: 1 low to 3 high
+    Memory("aux_seen", dtype="i4", shape=CHANNELS, rare=True),
+    Memory("aux_since", shape=CHANNELS, rare=True),  # s
     Memory("circle_centre", shape=2, rare=True),
     Memory("circle_radius", rare=True),
     Memory("circle_rate", rare=True),
