@@ -6,11 +6,12 @@ the place where it was entered. A pilot drives in MANUAL, ACRO, STEERING and SIM
 MANUAL_CONTROL; without them, its sticks are centred. It cannot climb: heights are ignored, take-off and landing are
 refused as ArduRover refuses them (UNSUPPORTED).
 
-Speed and steering are in `surface.driving`, the modes of a pilot in `surface.piloted`.
+Speed and steering are in `surface.driving`, the modes of a pilot in `surface.piloted`, fail-safes in
+`surface.failsafes`.
 
-Differences from ArduRover: no S-curves along the path, no pivot turns, no fail-safes, no fences. CRUISE_SPEED and
-CRUISE_THROTTLE are those of the simulated vehicles, whose speed at a quarter of the throttle is 5 m/s. As in
-ArduRover, a target nearer than WP_RADIUS (2 m) is not driven to, so small steps of a law are lost.
+Differences from ArduRover: no S-curves along the path, no pivot turns, no fences, no fail-safes of battery and
+estimate. CRUISE_SPEED and CRUISE_THROTTLE are those of the simulated vehicles, whose speed at a quarter of the throttle
+is 5 m/s. As in ArduRover, a target nearer than WP_RADIUS (2 m) is not driven to, so small steps of a law are lost.
 
 Sources: ArduPilot, Rover/mode*.cpp, Rover/GCS_MAVLink_Rover.cpp.
 """
@@ -24,6 +25,7 @@ from typing import Any, ClassVar
 from cosim import Memory, Model
 from cosim.kernel import kernel
 from cosim.messages import (
+    HEARTBEAT,
     MAV_CMD_DO_CHANGE_SPEED,
     MAV_CMD_DO_SET_MISSION_CURRENT,
     MAV_CMD_MISSION_START,
@@ -68,6 +70,12 @@ from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, 
 from cosim_models.autopilot.gcs.words import DESTINATION, MISSION_DONE, NO_DOCK, NO_MISSION, REACHED, say
 from cosim_models.autopilot.surface.circling import CIRCLE_MEMORY, CIRCLE_PARAMETERS, begin_circle, circle
 from cosim_models.autopilot.surface.driving import DRIVE_MEMORY, DRIVE_PARAMETERS, STANDING, cruise, drive, stop
+from cosim_models.autopilot.surface.failsafes import (
+    FAILSAFE_MEMORY,
+    FAILSAFE_PARAMETERS,
+    failsafes,
+    note_station,
+)
 from cosim_models.autopilot.surface.piloted import (
     PILOT_MEMORY,
     PILOT_PARAMETERS,
@@ -126,6 +134,7 @@ VARIABLES = pilot_variables(
         *CIRCLE_PARAMETERS,
         *TRACK_PARAMETERS,
         *STICK_PARAMETERS,
+        *FAILSAFE_PARAMETERS,
     ),
     (
         *MISSION,
@@ -133,6 +142,8 @@ VARIABLES = pilot_variables(
         *PILOT_MEMORY,
         *CIRCLE_MEMORY,
         *TRACK_MEMORY,
+        *FAILSAFE_MEMORY,
+        Memory("watch_next"),  # s, when the path or the fail-safes are due
         Memory("told_home", dtype="?", rare=True),  # that it has arrived there
     ),
 )
@@ -227,7 +238,9 @@ def _hear(m: Any, message: int, t: float) -> None:
 
 @kernel
 def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
-    if not _hear_parameter(m, message) and not hear_sticks(m, message, sender, t):
+    if message == HEARTBEAT or hear_sticks(m, message, sender, t):
+        note_station(m, sender, t)
+    elif not _hear_parameter(m, message):
         _hear_mission(m, message, sender, part, t)
 
 
@@ -363,6 +376,17 @@ def start(m: Any) -> int:
 
 
 _reboot = rebooting(VARIABLES, start)
+_watch_failsafes = failsafes(_HOLD, _RTL, _SMART_RTL, _LOITER, _AUTO, _enter)
+
+
+@kernel
+def _watch(m: Any, t: float) -> None:
+    """Records the path and runs the fail-safes when they are due."""
+    if m.armed and t >= m.crumb_next and m.mode != _SMART_RTL:
+        record_track(m, t)
+    if t >= m.failsafe_due:
+        _watch_failsafes(m, t)
+    m.watch_next = min(m.crumb_next, m.failsafe_due) if m.armed else m.failsafe_due
 
 
 @kernel
@@ -376,6 +400,8 @@ def advance(m: Any, t: float, h: float) -> int:
             return error
     if m.mavlink_rx_len > 0:
         _receive(m, t)
+    if t >= m.watch_next:
+        _watch(m, t)
     if not m.armed:
         home_here(m)
     for i in range(3):
@@ -384,8 +410,6 @@ def advance(m: Any, t: float, h: float) -> int:
         m.motor[0], m.motor[1] = 0.5, 0.5
         m.demand, m.integral = 0.0, 0.0
     else:
-        if t >= m.crumb_next and m.mode != _SMART_RTL:
-            record_track(m, t)
         _act(m, t, h)
     placed = m.guided_kind != VELOCITY
     for i in range(3):

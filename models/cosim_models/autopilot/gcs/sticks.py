@@ -39,6 +39,7 @@ __all__ = [
     "deflection",
     "hear_sticks",
     "opening",
+    "overridden",
     "pulse_of",
     "tilt",
 ]
@@ -132,9 +133,15 @@ def hear_sticks(m: Any, message: int, sender: int, t: float) -> bool:
 
 
 @kernel
+def overridden(m: Any, i: int, t: float) -> bool:
+    """Returns whether channel i (from 0) is overridden."""
+    return bool(m.rc_override[i] != 0 and t < m.rc_until[i])
+
+
+@kernel
 def pulse_of(m: Any, i: int, t: float) -> int:
     """Returns the pulse [us] of channel i (from 0)."""
-    if m.rc_override[i] != 0 and t < m.rc_until[i]:
+    if overridden(m, i, t):
         return int(m.rc_override[i])
     if i > YAW:
         return int(_SWITCHES[i - YAW - 1])

@@ -19,10 +19,13 @@ __all__ = [
     "AIRSPEED_STARTED",
     "APPROACH",
     "ARMED",
+    "AUTO_GOES_ON",
     "BAROMETER",
     "CALIBRATION_ARMED",
+    "CLEARED",
     "CLIMBING",
     "COMPASS_ARMED",
+    "CRASHED",
     "DESCENDS",
     "DESTINATION",
     "DISARMED",
@@ -39,6 +42,7 @@ __all__ = [
     "LATENCY_OFF",
     "LATENCY_ON",
     "LOG_DISARM",
+    "LOST",
     "MISSION_COMPLETE",
     "MISSION_DONE",
     "MODE_FAILED",
@@ -64,8 +68,8 @@ __all__ = [
     "RESET",
     "ROVER",
     "SLOWING",
-    "TAKES_OFF",
     "TAKEOFF_GUIDED",
+    "TAKES_OFF",
     "TO_WING",
     "TRACK_FULL",
     "TRANSITION_AUTO",
@@ -137,6 +141,12 @@ _WORDS = (
     "Airspeed % calibration started",
     "Beginning INS calibration. Do not move vehicle",
     "ArduPilot Ready",
+    "Radio Failsafe",
+    "GCS Failsafe",
+    "Radio Failsafe Cleared",
+    "GCS Failsafe Cleared",
+    "Failsafe - Continuing Auto Mode",
+    "Crash: Going to HOLD",
 )
 (
     ARMED,
@@ -198,7 +208,14 @@ _WORDS = (
     AIRSPEED_STARTED,
     GYROS_STARTED,
     READY,
+    LOST,
+    _,
+    CLEARED,
+    _,
+    AUTO_GOES_ON,
+    CRASHED,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
+"""LOST and CLEARED: the texts of the radio, followed by those of the ground station."""
 _SIZE = 50
 _TEXT = np.zeros((len(_WORDS), _SIZE), np.uint8)
 for _row, _words in enumerate(_WORDS):

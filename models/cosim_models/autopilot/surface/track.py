@@ -42,7 +42,7 @@ TRACK_PARAMETERS = (
     ),
 )
 TRACK_MEMORY = (
-    Memory("crumb_next"),  # s, of the next record
+    Memory("crumb_next", rare=True),  # s, of the next record
     Memory("crumbs", shape=(_POINTS, 3), rare=True),  # m, north, east, up
     Memory("crumb_count", dtype="i4", rare=True),
     Memory("crumbs_on", dtype="?", rare=True),
