@@ -77,6 +77,7 @@ from cosim_models.autopilot.wing.piloted import (
     by_hand,
     circling_bank,
     demand,
+    mix_sticks,
 )
 from cosim_models.autopilot.wing.wind import WIND_MEMORY, estimate_wind
 
@@ -327,6 +328,8 @@ def advance(m: Any, t: float, h: float) -> int:
     if m.armed:
         if not m.on_ground and t >= m.wind_next:
             estimate_wind(m, t)
+        if m.sticks_known:
+            mix_sticks(m, t)
         _act(m, t, h)
     for i in range(3):
         m.target[i] = m.guided_position[i]

@@ -93,6 +93,7 @@ from cosim_models.autopilot.wing.piloted import (
     by_hand,
     circling_bank,
     demand,
+    mix_sticks,
     roll_stick,
 )
 from cosim_models.autopilot.wing.progress import (
@@ -554,6 +555,8 @@ def advance(m: Any, t: float, h: float) -> int:
     else:
         if t >= m.wind_next and not m.vtol:
             estimate_wind(m, t)
+        if m.sticks_known:
+            mix_sticks(m, t)
         _act(m, t, h)
     if not m.armed:
         _rest(m)

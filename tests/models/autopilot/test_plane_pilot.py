@@ -262,3 +262,49 @@ def test_without_rotors_loiter_alt_qland_stays_low_and_says_why() -> None:
     assert -p.place[2] == pytest.approx(15.0, abs=1.0)
     assert [m.text for m in p.heard if m.get_type() == "STATUSTEXT"].count("Q_ENABLE 0") == 1
     assert p.m.mode == 25
+
+
+# ---- sticks in modes that fly by themselves: ArduPlane's stick mixing ------------------------------------------------
+
+LOITER, GUIDED = 12, 15
+
+
+@pytest.mark.parametrize("mode", [LOITER, GUIDED])
+def test_a_full_stick_banks_to_the_limit_either_way(mode: int) -> None:
+    """Beyond a half, a stick counts up to twice: to the other side of a turn, too."""
+    for stick, bank in ((2000, 45.0), (1000, -45.0)):
+        p = high(mode)
+        sticks(p, 4.0, roll=stick)
+        assert angles(p)[0] == pytest.approx(bank, abs=4.0)
+    p.until(p.time + 60.0)  # the override has ended: it circles its place again
+    assert math.dist(p.place[:2], p.m.guided_position[:2]) == pytest.approx(80.0, abs=8.0)
+    assert not p.m.sticks_known and not p.m.mixes
+
+
+def test_sticks_are_added_to_bank_pitch_and_rudder() -> None:
+    p, q = high(LOITER), high(LOITER)
+    sticks(p, 1.0)  # centred sticks change nothing
+    q.until(p.time)
+    assert p.m.motor.tolist() == q.m.motor.tolist()
+    sticks(p, 0.2, roll=1600, pitch=1450, yaw=1700)
+    dead, room = 30.0, 470.0
+    asked = math.radians(45.0) * (100.0 - dead) / room, -math.radians(25.0) * (50.0 - dead) / room
+    assert p.m.mixed[:2].tolist() == pytest.approx(asked)
+    assert p.m.mixed[2] == pytest.approx((200.0 - dead) / room)
+    q.until(p.time)
+    assert p.m.motor[3] - q.m.motor[3] == pytest.approx(0.5 * p.m.mixed[2], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("mixing", "mode", "bank", "pitch"), [(0, 12, 0, 0), (3, 12, 0, 0), (4, 12, 1, 0), (0, 1, 1, 1)]
+)
+def test_sticks_are_mixed_as_the_parameter_says(mixing: int, mode: int, bank: int, pitch: int) -> None:
+    """In CIRCLE always, as in ArduPlane."""
+    p, q = high(mode), high(mode)
+    p.m.STICK_MIXING = mixing
+    sticks(p, 1.5, roll=1300, pitch=1700)
+    sticks(q, 1.5)
+    assert (p.m.mixes, p.m.mixed[0] < 0.0, p.m.mixed[1] > 0.0) == (bool(bank), bool(bank), bool(pitch))
+    assert (angles(p)[0] < angles(q)[0] - 10.0) == bool(bank)
+    if bank == pitch:
+        assert (angles(p)[1] > angles(q)[1] + 1.0) == bool(pitch)

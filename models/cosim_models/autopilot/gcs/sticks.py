@@ -75,6 +75,7 @@ STICK_PARAMETERS = (
     ),
 )
 STICK_MEMORY = (
+    Memory("sticks_known", dtype="?"),  # there have been overrides, which may have ended
     Memory("rc_override", dtype="i4", shape=_CHANNELS, rare=True),  # us, 0: none
     Memory("rc_until", shape=_CHANNELS, rare=True),  # s, when the override ends
 )
@@ -91,6 +92,7 @@ def _is_surface(m: Any) -> bool:
 @kernel
 def _override(m: Any, i: int, pulse: int, t: float) -> None:
     """Overrides channel i with `pulse` [us]; 0 releases it."""
+    m.sticks_known = True
     m.rc_override[i] = pulse
     m.rc_until[i] = _FOR_EVER if m.RC_OVERRIDE_TIME < 0.0 else t + m.RC_OVERRIDE_TIME
 

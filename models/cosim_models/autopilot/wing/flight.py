@@ -74,6 +74,8 @@ WING_MEMORY = (
     Memory("runway"),  # rad, course of the take-off
     Memory("rotated", dtype="?"),
     Memory("least_speed"),  # m/s over ground, of DO_CHANGE_SPEED
+    Memory("mixes", dtype="?"),  # a pilot's sticks are added
+    Memory("mixed", shape=3, rare=True),  # to bank and pitch [rad], and to the rudder
 )
 
 
@@ -121,6 +123,16 @@ def servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None
     m.motor[1] = 0.5 + 0.5 * clip(elevator, -1.0, 1.0)
     m.motor[2] = clip(throttle, 0.0, 1.0)
     m.motor[3] = 0.5 + 0.5 * clip(rudder, -1.0, 1.0)
+
+
+@kernel
+def _mixed_servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None:
+    """Like `servos`, with a pilot's sticks added to bank, pitch and rudder: stick mixing."""
+    most = math.radians(m.ROLL_LIMIT_DEG)
+    bank = clip(bank + m.mixed[0], -most, most)
+    pitch = clip(pitch + m.mixed[1], -math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG))
+    servos(m, bank, pitch, throttle, h)
+    m.motor[3] = clip(m.motor[3] + 0.5 * m.mixed[2], 0.0, 1.0)
 
 
 @kernel
@@ -192,7 +204,10 @@ def fly(m: Any, bank: float, down: float, speed: float, h: float) -> None:
     """Flies with a bank and a speed [m/s] towards a down coordinate."""
     climb = clip(CLIMB_P * (m.position[2] - down), -m.TECS_SINK_MAX, m.TECS_CLMB_MAX)
     pitch, throttle = _energy(m, climb, speed, h)
-    servos(m, bank, pitch, throttle, h)
+    if m.mixes:
+        _mixed_servos(m, bank, pitch, throttle, h)
+    else:
+        servos(m, bank, pitch, throttle, h)
 
 
 @kernel

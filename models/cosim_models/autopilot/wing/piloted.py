@@ -9,8 +9,10 @@ for the line along the course of that moment. CIRCLE banks by a third of its lim
 With STALL_PREVENTION, the bank of FBWA, FBWB, CRUISE and CIRCLE stays within the load that the wing carries at the
 present speed, which is the square of its ratio to AIRSPEED_MIN; 25 degrees are always permitted.
 
-Differences from ArduPlane: no expo, no automatic trim, ACRO_LOCKING 0 only, no taildragger take-off; sticks do not mix
-into the modes that fly themselves (STICK_MIXING).
+In modes that fly by themselves, and in CIRCLE, the sticks are added to bank, pitch and rudder (STICK_MIXING).
+
+Differences from ArduPlane: no expo, no automatic trim, ACRO_LOCKING 0 only, no taildragger take-off; sticks are not
+mixed into take-offs, nor into the rotors of a quadplane.
 
 Source: ArduPilot, ArduPlane/mode_*.cpp, Attitude.cpp (update_load_factor, stick mixing), navigation.cpp (FBWB).
 """
@@ -24,12 +26,15 @@ from cosim import Memory
 from cosim.frames import roll_pitch_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import angle, real, whole
-from cosim_models.autopilot.gcs.sticks import PITCH, ROLL, YAW, deflection, opening, tilt
+from cosim_models.autopilot.gcs.sticks import PITCH, ROLL, YAW, deflection, opening, overridden, tilt
 from cosim_models.autopilot.wing.flight import CLIMB_P, bank_for, clip, servos
 
-__all__ = ["PILOT_MEMORY", "PILOT_PARAMETERS", "begin_pilot", "by_hand", "circling_bank", "demand", "roll_stick"]
+__all__ = ["PILOT_MEMORY", "PILOT_PARAMETERS", "begin_pilot", "by_hand", "circling_bank", "demand", "mix_sticks"]
+__all__ += ["roll_stick"]
 
-_MANUAL, _STABILIZE, _TRAINING, _ACRO, _CRUISE = 0, 2, 3, 4, 7
+_MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _CRUISE = 0, 1, 2, 3, 4, 7
+_FIRST_AUTO, _LAST_AUTO, _QRTL, _LOITER_ALT_QLAND = 10, 15, 21, 25  # modes that fly by themselves
+_FBW, _NO_PITCH = 1, 4  # STICK_MIXING
 _GENTLE = math.radians(25.0)  # bank that is always permitted
 _STEEPEST = math.radians(85.0)
 _LOCKING_TIME, _LOCKING_SPEED = 0.5, 5.0  # s, m/s
@@ -41,6 +46,9 @@ PILOT_PARAMETERS = (
     real("ACRO_PITCH_RATE", "1", 180.0, "rate of pitch of ACRO at full deflection, degrees per second"),
     real("FBWB_CLIMB_RATE", "m/s", 2.0, "rate of climb of FBWB and CRUISE at full deflection"),
     angle("STAB_PITCH_DOWN", 2.0, "pitch by which FBWA lowers the nose with the throttle closed"),
+    whole(
+        "STICK_MIXING", 1, "1: sticks change modes that fly by themselves; 4: but not their pitch; 0, 3: they do not"
+    ),
     whole("STALL_PREVENTION", 1, "1: the bank is limited by the speed; 0: it is not"),
 )
 PILOT_MEMORY = (
@@ -157,6 +165,33 @@ def by_hand(m: Any, t: float, h: float) -> None:
     else:
         servos(m, roll_stick(m, t), _pitch_stick(m, throttle, t), throttle, h)
         _add(m, 3, rudder, 1.0)
+
+
+# ---- modes that fly by themselves ----------------------------------------------------------------------------------
+
+
+@kernel
+def _stretched(stick: float) -> float:
+    """Returns the deflection of a stick, which beyond a half grows to twice the greatest."""
+    return 3.0 * stick - 1.0 if stick > 0.5 else 3.0 * stick + 1.0 if stick < -0.5 else stick
+
+
+@kernel
+def mix_sticks(m: Any, t: float) -> None:
+    """Notes by how much the sticks change bank, pitch and rudder; required in every step while m.sticks_known."""
+    m.sticks_known = False
+    for i in range(4):
+        m.sticks_known = m.sticks_known or overridden(m, i, t)
+    flies = m.STICK_MIXING in (_FBW, _NO_PITCH) and (
+        _FIRST_AUTO <= m.mode <= _LAST_AUTO or m.mode in (_QRTL, _LOITER_ALT_QLAND)
+    )
+    m.mixes = m.sticks_known and (flies or m.mode == _CIRCLE)
+    if not m.mixes:
+        return
+    m.mixed[0] = math.radians(m.ROLL_LIMIT_DEG) * _stretched(deflection(m, ROLL, t))
+    pitch = 0.0 if m.STICK_MIXING == _NO_PITCH else _stretched(deflection(m, PITCH, t))
+    m.mixed[1] = math.radians(m.PTCH_LIM_MAX_DEG if pitch > 0.0 else m.PTCH_LIM_MIN_DEG) * pitch
+    m.mixed[2] = deflection(m, YAW, t)
 
 
 @kernel
