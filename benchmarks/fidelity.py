@@ -4,7 +4,8 @@ Takes recorded flights (`benchmarks.flights` describes the format; `benchmarks.r
 means WP_YAW_BEHAVIOR 0, `3mps` WPNAV_SPEED 300. Other parameters of the autopilot: --set.
 Where the error of ArduCopter's estimate was recorded, ours senses its motion with the same error at the same time, so
 that the autopilots are compared and not ArduCopter's estimator with the truth; where a flight makes sensors fail, only
-the attitude errs, because our estimate errs by itself. With --true, and where motors fail, ours senses its true motion.
+the attitude errs until then, and our estimate, which errs by itself, begins with that error. With --true, and where
+motors fail, ours senses its true motion.
 
 Prints one row for each figure, with a verdict: "ok" are times and distances within 5 % (or 0.1 s, 0.1 m), and a
 distance of the paths within 0.05 m rms on the external body, 0.1 m on ArduCopter's. "repeats" are those that are not,
@@ -57,6 +58,8 @@ RMS = {"json": 0.05, "hexa": 0.05, "x": 0.1}
 """Greatest rms of the distance between the paths [m], by body."""
 FULL = 12.6
 """Voltage [V] at which the motors of ArduPilot's own frame have their full speed, in proportion to the voltage."""
+FIXES = 0.2
+"""Time [s] between fixes of the GPS."""
 REPEATS = RECORDINGS / "repeats.json"
 """Figures of flights that were recorded several times (`benchmarks.repeats`)."""
 
@@ -91,7 +94,7 @@ class Misled(Copter):
 
     def __post_init__(self) -> None:
         self._row, self._rows, self._zero = 0, np.zeros((1, len(ERRORS))), 0
-        self._begun = False
+        self._begun, self._fails = False, False
         super().__post_init__()
 
     def errs(self, flight: Flight) -> None:
@@ -104,16 +107,32 @@ class Misled(Copter):
         time = H * np.arange(-self._zero, round(table[-1, 0] / H))
         self._rows = np.column_stack([np.interp(time, table[:, 0], column) for column in table[:, 1:].T])
         self._rows[:, 2] += GROUND[flight.body]
-        if any(not name.startswith("SIM_BATT") for name in flight.head.get("set", {})):
-            self._rows[:, :6] = 0.0
         self._rows[:, 6:] = np.radians(self._rows[:, 6:])
+        self._fails = any(not name.startswith("SIM_BATT") for name in flight.head.get("set", {}))
+        if self._fails:
+            self._rows[:, :6] = 0.0
+            self._rows[self._zero :] = self._rows[self._zero]
 
     def begin(self, lead: float) -> None:
         """Errs by the time from now on, `lead` seconds before the command."""
         self._row, self._begun = self._zero - round(lead / H), True
 
+    def _take_tilt(self) -> None:
+        """Makes the error of the attitude one of our own estimate, which has begun to err."""
+        roll, pitch, _ = self._rows[-1, 6:]
+        w, x, y, z = (float(part) for part in self.m["attitude"])
+        yaw = euler_from_quaternion((w, x, y, z))[2]
+        about = roll * math.cos(yaw) - pitch * math.sin(yaw), roll * math.sin(yaw) + pitch * math.cos(yaw)
+        for table, width in (("lane_now", 8), ("lane_past", 8), ("lane_line", 16)):  # in the compass, it is known
+            self.m[table][:, 6::width], self.m[table][:, 7::width] = -about[1], about[0]
+        self.m["lane_dip"][:] = -about[1], about[0]
+        self._rows[:, 6:8] = 0.0
+        self._fails = False
+
     def _connect(self) -> None:
         super()._connect()
+        if self._fails and self.m["estimate_errs"]:
+            self._take_tilt()
         error = self._rows[min(max(self._row, 0), len(self._rows) - 1)]
         self._row += self._begun
         self.m["position"][:] += error[:3]
@@ -189,6 +208,8 @@ def fly(
         head = {**head, "target": copter.m["desired_position"] + flight.target - desired}
     if flight.body == "x" and "SIM_BATT_VOLTAGE" in head.get("set", {}):  # its motors weaken with the voltage
         copter.v["thrust_factor"] = (head["set"]["SIM_BATT_VOLTAGE"] / FULL) ** 2
+    if "fix" in head:
+        copter.run((head["fix"] - copter.time) % FIXES)
     rows: NDArray[np.float64] = perform(copter, head, float(flight.real["t"][-1]))
     rows[:, 0] -= rows[0, 0] - H
     return rows[:, :7]

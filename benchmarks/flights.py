@@ -16,9 +16,9 @@ they were recorded, `ERRORS`: by how much ArduCopter's estimate erred then, in t
 "type" is that of ArduCopter's GUIP messages (2: a position), "parameters" are the autopilot's from the start, "armed"
 is the time [s] from arming to a command on the ground, "before" that for which "vel" was flown before a command,
 "sticks" [us] are the pilot's channels 1 to 4 from the command on, "duration" is that of the flight, "home"
-[m, north, east, up] is where ArduCopter's home was. Rows of negative time are before the command. Names that begin
-with `json` flew on the body of the preset ardupilot_json, with `hexa` on the default `Hexarotor`, with `x` on
-ArduPilot's own (ardupilot_sitl_quad).
+[m, north, east, up] is where ArduCopter's home was, "fix" the time [s] from the last fix of GPS to the command. Rows of
+negative time are before the command. Names that begin with `json` flew on the body of the preset ardupilot_json, with
+`hexa` on the default `Hexarotor`, with `x` on ArduPilot's own (ardupilot_sitl_quad).
 """
 
 from __future__ import annotations

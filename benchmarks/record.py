@@ -57,7 +57,7 @@ COLUMNS = ",".join(("t,n,e,d,vn,ve,vd,yaw,des_n,des_e,des_d", *ERRORS))
 EARLY = 8.0
 """Time [s] before the command of which the errors are recorded, too."""
 _DEGREE = math.radians(1.0) * EARTH_RADIUS_ARDUPILOT  # m
-_TYPES = ("ORGN", "XKF1", "SIM2", "SIM", "PSCN", "PSCE", "PSCD", "GUIP", "GUIA", "MODE", "MAVC", "PARM")
+_TYPES = ("ORGN", "XKF1", "SIM2", "SIM", "PSCN", "PSCE", "PSCD", "GUIP", "GUIA", "MODE", "MAVC", "PARM", "GPS")
 _AUTO, _TAKE_OFF, _START, _ARM = 3, 22, 300, 400
 
 
@@ -125,6 +125,10 @@ class Log:
     def hurried(self, sent: float) -> float:
         """When [s] it took the first velocity that was sent before the command of `sent`."""
         return min(row[0] for row in self.rows["GUIP"] if row[1] == 4 and sent - 2.0 * BEFORE < row[0])
+
+    def fix(self, time: float) -> float:
+        """How long [s] before `time` the last fix of GPS came."""
+        return time - max(row[0] for row in self.rows["GPS"] if row[0] <= time)
 
     def armed(self) -> float:
         return float(next(row[0] for row in self.rows["MAVC"] if row[6] == _ARM))
@@ -218,6 +222,8 @@ def record(folder: Path, name: str, body: str, head: dict[str, Any], later: floa
         head = {**head, "lasts": round(log.taken(head, sent, last=True) - begin, 4)}
     file = folder / f"{body}_{name}.csv.gz"
     head["home"] = log.home()
+    if kind_of(head) == "failure":
+        head["fix"] = round(log.fix(begin), 3)
     write(file, head, flown(log, truth, begin, duration - 0.5, EARLY))
     return file
 

@@ -200,7 +200,7 @@ def advance(m: Any, t: float, h: float) -> int:
     if not _sense(m):
         return _NOT_FINITE
     if m.sim_on:
-        add_errors(m, h)
+        add_errors(m, t, h)
     run_rates(m, h)
     run_motors(m, h)
     if m.outputs_busy:

@@ -40,6 +40,7 @@ from cosim_models.autopilot.record.modes import ACRO, ALT_HOLD, FLIP, LAND, STAB
 __all__ = ["watch_crash", "watch_flight", "watch_thrust"]
 
 _COUNT = 10  # of checks in a row
+_SMOOTH = 5.0  # Hz, FS_EKF_FILT
 _WARN_AGAIN = 30.0  # s
 _VIBRATES, _VIBRATED = 1.0, 15.0  # s
 _REPORT, _ALT_HOLD, _ALWAYS = 0, 2, 3  # FS_EKF_ACTION
@@ -70,8 +71,12 @@ def _fail_estimate(m: Any, t: float) -> None:
 
 @kernel
 def _varies(m: Any) -> bool:
-    """Returns whether position and velocity are beyond FS_EKF_THRESH, or the velocity beyond twice that."""
-    return bool(min(m.position_ratio, m.velocity_ratio) >= m.FS_EKF_THRESH or m.velocity_ratio >= 2.0 * m.FS_EKF_THRESH)
+    """Returns whether position and velocity are beyond FS_EKF_THRESH, or the velocity beyond twice that: smoothed."""
+    share = lowpass_alpha(_PERIOD, _SMOOTH)
+    m.smooth_position_ratio += share * (m.position_ratio - m.smooth_position_ratio)
+    m.smooth_velocity_ratio += share * (m.velocity_ratio - m.smooth_velocity_ratio)
+    position, velocity = m.smooth_position_ratio, m.smooth_velocity_ratio
+    return bool(min(position, velocity) >= m.FS_EKF_THRESH or velocity >= 2.0 * m.FS_EKF_THRESH)
 
 
 @kernel
@@ -79,11 +84,13 @@ def _watch_estimate(m: Any, t: float) -> None:
     if not m.armed or m.FS_EKF_THRESH <= 0.0:
         m.ekf_count = 0
         m.ekf_failed = False
-    elif m.position_lost or _varies(m):
+    elif (m.sim_on and _varies(m)) or m.position_lost:
         if m.ekf_failed:
             return
         m.ekf_count += 1
-        if m.ekf_count == _COUNT - 1:
+        if m.ekf_count == _COUNT - 2:
+            m.reset_asked = True
+        elif m.ekf_count == _COUNT - 1:
             m.lane_asked = True
         if m.ekf_count >= _COUNT:
             m.ekf_count = _COUNT
@@ -167,7 +174,7 @@ def _watch_yaw(m: Any, t: float) -> None:
 @kernel
 def _watch_vibration(m: Any, t: float) -> None:
     """Controls the height without the accelerometer while its errors spoil the estimate: for a second, 15 s longer."""
-    spoiled = m.velocity_ratio > 1.0 and m.climb_error < 0.0 and m.estimate_error[2] < 0.0
+    spoiled = m.smooth_velocity_ratio > 1.0 and m.lane_past[m.lane, 5] > 0.0 and m.lane_past[m.lane, 2] > 0.0
     bad = spoiled and m.FS_VIBE_ENABLE == 1 and m.armed and m.mode != STABILIZE and m.mode != ACRO
     if m.vibration_failsafe:
         if bad:

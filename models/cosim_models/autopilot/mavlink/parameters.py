@@ -92,8 +92,9 @@ _IS_WHOLE = np.array([v.kind == "Integer" for v in _TABLE], dtype=np.uint8)
 PARAMETER_TYPES = tuple(int(_type(name)) for name in PARAMETER_NAMES)
 """The MAV_PARAM_TYPE of each parameter, in the same order."""
 _TYPES = np.array(PARAMETER_TYPES, dtype=np.int64)
-_IS_ENGINE = np.array([v.name.startswith("SIM_ENGINE_") for v in _TABLE], dtype=np.uint8)
 _IS_WIND = np.array([v.name.startswith("SIM_WIND_") for v in _TABLE], dtype=np.uint8)
+_FAILING = tuple(f"SIM_{part}" for part in ("ACC", "BARO", "ENGINE", "GPS", "GYR", "MAG"))
+_IS_SENSOR = np.array([v.name.startswith(_FAILING) for v in _TABLE], dtype=np.uint8)  # or a motor
 _LEAST = np.array([1.0 if v.name == "SYSID_THISMAV" else v.minimum or 0.0 for v in _TABLE])
 _SHARES = ("MOT_SPIN_ARM", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_EXPO", "MOT_THST_HOVER", "TKOFF_THR_MAX")
 _MAXIMA = {"SYSID_MYGCS": 255.0, "SYSID_THISMAV": 255.0, **dict.fromkeys(_SHARES, 1.0)}
@@ -218,7 +219,7 @@ def set_parameter(m: Any, t: float) -> None:
             set_whole(m, _OFFSETS[i], int(value))
         else:
             set_real(m, _OFFSETS[i], value)
-        if _IS_ENGINE[i] != 0:
+        if _IS_SENSOR[i] != 0:
             watch_sensors(m, t)
     else:
         _deny(m, i)

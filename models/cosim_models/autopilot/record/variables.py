@@ -328,27 +328,32 @@ MEMORY = (
     # failing sensors
     Memory("sim_on", dtype="?"),
     Memory("gps_jammed", dtype="?", rare=True),
-    Memory("tilt_on", dtype="?", rare=True),  # accelerometer or gyro errs, or has left an error
-    Memory("tilt_error", shape=2, rare=True),  # of the estimate about north and east, rad
-    Memory("tilt_rate", shape=2, rare=True),
-    Memory("slip_error", shape=2, rare=True),  # of its velocity to north and east, m/s
-    Memory("slip_rate", shape=2, rare=True),
-    Memory("slip_force", shape=2, rare=True),  # of its acceleration, m/s2
-    Memory("slip_rejected_at", rare=True),
-    Memory("gyro_learned", shape=3, rare=True),  # correction of the gyro, FRD, rad/s
-    Memory("learning", shape=3, rare=True),
+    Memory("estimate_errs", dtype="?", rare=True),  # the filters of the estimate run
     Memory("gyro_delays", shape=(3, 2), rare=True),  # of the low-pass of its noise
     Memory("lane", dtype="i4", rare=True),  # that flies, from 0
     Memory("imu", dtype="i4", rare=True),  # its inertial sensor, from 0
     Memory("lane_since", shape=2, rare=True),  # when each lane was changed to
+    Memory("reset_asked", dtype="?", rare=True),  # the same is near
     Memory("lane_asked", dtype="?", rare=True),  # the fail-safe of the estimate is about to begin
-    Memory("other_tilt", shape=2, rare=True),  # errors of the other lane, as those above
-    Memory("other_slip", shape=2, rare=True),
-    Memory("other_learned", shape=3, rare=True),
-    Memory("other_climb", rare=True),
-    Memory("other_rejected", rare=True),  # s for which it has been beyond its gate
-    Memory("other_place", shape=3, rare=True),  # errors that its sensor makes in its place, north, east, up
-    Memory("own_place", shape=3, rare=True),  # and that of the lane that flies
+    Memory("lane_now", shape=(2, 8), rare=True),  # errors by which each flies: of place, velocity, tilt (see `filter`)
+    Memory("lane_past", shape=(2, 8), rare=True),  # those of its filter
+    Memory("lane_learned", shape=(2, 6), rare=True),  # errors of gyro and accelerometer, FRD
+    Memory("lane_up", shape=(2, 9), rare=True),  # covariances
+    Memory("lane_side", shape=(2, 25), rare=True),
+    Memory("lane_line", shape=(2, 144), rare=True),  # delay lines
+    Memory("lane_rate", shape=(2, 3), rare=True),  # errors of the height's derivative: see `filter`
+    Memory("lane_dip", shape=(2, 2), rare=True),  # tilt that the filter takes for one of the magnetic field
+    Memory("lane_sums", shape=(2, 6), rare=True),
+    Memory("lane_smooth", shape=(2, 3), rare=True),  # acceleration, m/s2
+    Memory("lane_ratio", shape=(2, 3), rare=True),  # squared innovations over their gates: velocity, place, height
+    Memory("lane_time", shape=(2, 5), rare=True),  # when measurements passed, and of the accelerometer's checks
+    Memory("lane_bad", shape=2, dtype="u1", rare=True),  # the accelerometer is
+    Memory("lane_place", shape=16, rare=True),
+    Memory("lane_column", shape=5, rare=True),
+    Memory("frame_count", dtype="i4", rare=True),
+    Memory("frame_left", rare=True),  # s since the last period of the filters
+    Memory("told_error", shape=3, rare=True),  # of GPS and barometer, north, east, down
+    Memory("gps_heard", dtype="?", rare=True),
     Memory("gyro_draws", dtype="i4", rare=True),
     Memory("wind_speed", rare=True),  # that SIM_WIND_* ask for, after SIM_WIND_TC, m/s
     Memory("wind_from", rare=True),  # deg
@@ -358,24 +363,20 @@ MEMORY = (
     Memory("wind_told", dtype="?", rare=True),
     Memory("position_lost", dtype="?"),
     Memory("estimate_error", shape=3, rare=True),  # north, east, up
-    Memory("error_rate", shape=3, rare=True),
     Memory("yaw_error", rare=True),
     Memory("yaw_error_rate", rare=True),
     Memory("gps_lost_at", rare=True),  # -1: never
     Memory("gps_rejected_at", rare=True),
-    Memory("barometer_rejected_at", rare=True),
     State("glitching", type=bool, description="whether GPS is rejected"),
     Memory("glitch_seen_at", rare=True),
     Memory("position_ratio", rare=True),  # innovation over its gate
     Memory("velocity_ratio", rare=True),
     Memory("height_ratio", rare=True),
+    Memory("smooth_position_ratio", rare=True),
+    Memory("smooth_velocity_ratio", rare=True),
     Memory("ekf_count", dtype="i4", rare=True),
     State("ekf_failed", type=bool, description="whether the fail-safe of the estimate is on"),
     Memory("ekf_warned_at", rare=True),
-    Memory("climb_error", rare=True),  # of the estimate, m/s
-    Memory("climb_error_rate", rare=True),
-    Memory("imu_rejected_at", rare=True),  # -1: never
-    Memory("imu_ignored_until", rare=True),
     Memory("vibration_phase", rare=True),  # s since it began
     Memory("vibrates_since", rare=True),
     Memory("vibrated_at", rare=True),
