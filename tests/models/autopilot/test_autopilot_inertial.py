@@ -51,7 +51,10 @@ def texts(copter: Copter) -> list[str]:
 
 
 def beside(copter: Copter, rows: NDArray[np.float64], name: str, last: float) -> None:
-    """Compares ours with a recorded flight of ArduCopter each half a second until `last` [s]: places to 0.15 m, heights to 0.2 m."""
+    """Compares ours with a recorded flight of ArduCopter each half a second until `last` [s].
+
+    Places to 0.15 m, heights to 0.2 m, errors of the attitude to half a degree.
+    """
     real = read(RECORDINGS / f"{name}.csv.gz").real
     for row in rows[4::5]:
         if row[0] > last:
