@@ -70,7 +70,7 @@ def same(one: Path, other: Path) -> None:
 def lossy(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Flight]:
     workshop = tmp_path_factory.mktemp("lossy")
     system = copy_of("line5", workshop, fmus, LOSSY)
-    flight = fly(system, workshop / "out", until=16.0)
+    flight = fly(system, workshop / "out", until=8.0)
     assert flight.result.packets["lost: channel"] > 20 and flight.result.packets["duplicates"] > 20
     return system, flight
 
@@ -78,8 +78,8 @@ def lossy(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, F
 @pytest.mark.parametrize("parts", [1, 2, 4])
 @pytest.mark.parametrize("name", ["line5", "line5-ends"])
 def test_shipped_lines_in_parts(fmus: Path, tmp_path: Path, name: str, parts: int) -> None:
-    whole = fly(SYSTEMS / name, tmp_path / "whole", until=16.0)
-    result, errors = run_in_parts(SYSTEMS / name, RunOptions(out=tmp_path / "parts", until=16.0), parts)
+    whole = fly(SYSTEMS / name, tmp_path / "whole", until=10.0)
+    result, errors = run_in_parts(SYSTEMS / name, RunOptions(out=tmp_path / "parts", until=10.0), parts)
     assert (result.outcome, errors) == ("done", [])
     same(whole.folder, tmp_path / "parts")
     told = json.loads((tmp_path / "parts" / "manifest.json").read_text())["parts"]
@@ -96,7 +96,7 @@ def test_any_assignment_of_a_lossy_line(
     system, whole = lossy
     folder = tmp_path_factory.mktemp("parts")
     file = assigned(folder / "parts.json", DRONES, parts)
-    options = RunOptions(out=folder / "out", until=16.0, assignment=file)
+    options = RunOptions(out=folder / "out", until=8.0, assignment=file)
     result, errors = run_in_parts(system, options, max(parts) + 1)
     assert (result.outcome, errors) == ("done", [])
     same(whole.folder, folder / "out")
@@ -116,9 +116,9 @@ def test_any_assignment_of_a_lossy_line(
 )
 def test_other_radios(fmus: Path, tmp_path: Path, change: Callable[[str], str]) -> None:
     system = copy_of("line5", tmp_path, fmus, change)
-    whole = fly(system, tmp_path / "whole", until=12.0)
+    whole = fly(system, tmp_path / "whole", until=7.0)
     file = assigned(tmp_path / "parts.json", DRONES, [0, 1, 2, 0, 1])
-    result, errors = run_in_parts(system, RunOptions(out=tmp_path / "parts", until=12.0, assignment=file), 3)
+    result, errors = run_in_parts(system, RunOptions(out=tmp_path / "parts", until=7.0, assignment=file), 3)
     assert (result.outcome, errors) == ("done", [])
     same(whole.folder, tmp_path / "parts")
 
@@ -144,13 +144,13 @@ def test_listed_links_send_packets_only_where_they_are_heard(fmus: Path, tmp_pat
 
 
 def test_a_run_goes_on_in_other_parts_or_in_one_process(lossy: tuple[Path, Flight], tmp_path: Path) -> None:
-    """Packets are in flight at 8 s: they, their counts and all values go to other parts, to one process, and back."""
+    """Packets are in flight at 4 s: they, their counts and all values go to other parts, to one process, and back."""
     system, whole = lossy
 
     def flown(name: str, parts: list[int] | None, origin: str | None = None, every: float | None = None) -> Path:
         file = None if parts is None else assigned(tmp_path / f"{name}.json", DRONES, parts)
         options = RunOptions(
-            out=tmp_path / name, until=16.0, assignment=file, origin=origin, checkpoint_every=every, seed=None
+            out=tmp_path / name, until=8.0, assignment=file, origin=origin, checkpoint_every=every, seed=None
         )
         if parts is None:
             result = simulate(system, options)
@@ -160,13 +160,13 @@ def test_a_run_goes_on_in_other_parts_or_in_one_process(lossy: tuple[Path, Fligh
         assert result.outcome == "done"
         return tmp_path / name
 
-    flown("of one", None, every=4.0)
-    flown("of three", [0, 1, 2, 0, 1], every=4.0)
-    assert sorted(one.name for one in (tmp_path / "of three" / "checkpoints").iterdir()) == ["12", "4", "8"]
+    flown("of one", None, every=2.0)
+    flown("of three", [0, 1, 2, 0, 1], every=2.0)
+    assert sorted(one.name for one in (tmp_path / "of three" / "checkpoints").iterdir()) == ["2", "4", "6"]
     for name, origin, parts in (
-        ("one to two", "of one@8", [1, 1, 0, 0, 1]),
-        ("three to one", "of three@8", None),
-        ("three to four", "of three@8", [3, 0, 2, 1, 0]),
+        ("one to two", "of one@4", [1, 1, 0, 0, 1]),
+        ("three to one", "of three@4", None),
+        ("three to four", "of three@4", [3, 0, 2, 1, 0]),
     ):
         found = flown(name, parts, str(tmp_path / origin))
         for file in ("signals.parquet", "packets.parquet"):
