@@ -3,7 +3,7 @@
 In a source tree, they are in master/systems; their FMUs are in fmus/, where `make fmus` writes all of them and a
 missing one is built when it is needed. An installed package has a copy of both folders next to this module (`setup.py`
 puts them into the wheel). If a wheel has no FMUs, or if its Python sources have been changed since, a copy is made in
-the user's cache folder for each state of the sources, and its FMUs are built there once.
+the user's cache folder for each state of the sources, and FMUs are built there when they are first needed.
 
 `python -m cosim_master.system.shipped FOLDER` builds the other files of a wheel; `make wheel` calls it.
 """
@@ -63,11 +63,7 @@ def document(system: str, name: str) -> Path:
 
 
 def fmus() -> Path:
-    """Returns the folder with the FMUs of the shipped systems.
-
-    Raises:
-        RuntimeError, ValueError, ImportError: as `find`.
-    """
+    """Returns the folder with those FMUs of the project's models that have been built."""
     return _ready() / "fmus"
 
 
@@ -182,19 +178,16 @@ def stage(folder: Path) -> None:
 
 
 def _built() -> Path:
-    """Returns a copy of the installed systems in the user's cache folder, with FMUs built there."""
+    """Returns a copy of the installed systems in the user's cache folder, where their FMUs are built when needed."""
     folder = cache_folder() / "shipped" / digest_of_models()[:16]
     if folder.is_dir():
         return folder
-    from cosim.build import build_all, models_of_package
-
-    _log.warning("building the FMUs of the shipped systems into %s (once, one to two minutes)", folder)
+    _log.warning("the FMUs of shipped systems are built into %s when they are first needed", folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
     part = Path(tempfile.mkdtemp(prefix=f"{folder.name}-", dir=folder.parent))
     try:
         shutil.copytree(_INSTALLED / "master", part / "master")
-        for built in build_all(models_of_package(_MODELS), part / "fmus"):
-            _log.warning("  %s", built.file.name)
+        (part / "fmus").mkdir()
         try:
             part.replace(folder)
         except OSError:  # another process was faster

@@ -8,17 +8,20 @@ import shutil
 import subprocess
 import sys
 import tarfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from cosim import Model
 from cosim.build import models_of_package
 from cosim.build.messages import read_dialect
 from cosim_master.cli import app
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.system import shipped
 from cosim_master.system.authoring.swap import swap
+from cosim_master.system.authoring.swarm.new import new_system
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.structure import Component
 from tests.master.results.test_figures import consensus_run
@@ -101,6 +104,39 @@ def test_missing_fmus_are_built_when_they_are_needed(
     assert shipped.fmu("Helicopter") is None
     assert shipped.fmu("Hexarotor") == tmp_path / "fmus" / "Hexarotor.fmu"
     assert caplog.messages == ["building ArduPilotSITL (once)", "building Hexarotor (once)"]
+
+
+def test_a_package_without_fmus_builds_those_that_are_needed(
+    tmp_path: Path, fmus: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Into a folder of the user's; those of `line5` are those of a new line, too."""
+    built: list[str] = []
+
+    def copied(models: list[type[Model]], folder: Path) -> Iterator[None]:
+        for model in models:
+            built.append(model.__name__)
+            shutil.copyfile(fmus / f"{model.__name__}.fmu", folder / f"{model.__name__}.fmu")
+            yield
+
+    shutil.copytree(ROOT / "master" / "systems", tmp_path / "installed" / "master" / "systems")
+    monkeypatch.setattr(shipped, "_INSTALLED", tmp_path / "installed")
+    monkeypatch.setattr("cosim.build.build_all", copied)
+    for cache, first, then in (("one", "run", "new"), ("two", "new", "run")):
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / cache))
+        for what in (first, then):
+            if what == "run":
+                found = shipped.find("line5")
+                assert found is not None and found.is_relative_to(tmp_path / cache)
+                with read_system(found) as structure:
+                    assert structure.name == "line5"
+            else:
+                new_system("line", 3, tmp_path / f"{cache}-{what}")
+            assert sorted(built) == ["Autopilot", "LineAgent", "Quadrotor"]
+        assert {file.stem for file in shipped.fmus().iterdir()} == {*built}
+        assert shipped.fmu("Hexarotor") == shipped.fmus() / "Hexarotor.fmu"
+        assert built[3:] == ["Hexarotor"]
+        built.clear()
+    assert not (tmp_path / "installed" / "fmus").exists()
 
 
 def test_models_of_systems() -> None:

@@ -200,6 +200,9 @@ def _pattern(scenario: str, fmus: Path | None, problems: list[Problem]) -> Scena
         if problems:
             raise SystemDescriptionError(problems)
         return scenario_of(scenario)
+    if fmus is None:
+        for file in parts().values():
+            shipped.fmu(PurePosixPath(file).stem)  # built, if it was not yet
     folder = shipped.fmus() if fmus is None else fmus
     found: dict[str, FmuDescription] = {}
     for part, file in parts().items():
