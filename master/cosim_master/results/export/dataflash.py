@@ -25,6 +25,7 @@ from cosim_master.results.export.contents.dataflash_log import Log, texts
 from cosim_master.results.export.contents.packet_log import Packet, packets_of
 from cosim_master.results.export.contents.spoken import spoken
 from cosim_master.results.export.contents.tracks import declared_origin, geodetic
+from cosim_master.results.export.contents.tuning_events import tuning_events
 from cosim_master.results.export.options import Options, Origin
 from cosim_master.results.reading.recorded_signals import Signals, open_signals
 from cosim_master.results.reading.roles import Player, players, read_manifest
@@ -183,13 +184,16 @@ def _angles(q: Array) -> Array:
 
 
 def _add_words(log: Log, run: Path, name: str, autopilot: _Recording) -> None:
-    """Adds MSG (the kind of vehicle first, then STATUSTEXT) and PARM (start values, then changes)."""
+    """Adds MSG (the kind of vehicle first, then STATUSTEXT), EV of AUTOTUNE, and PARM (start values, then changes)."""
     place = name.rpartition(".")[0] or name
     said: dict[tuple[float, str], None] = {(0.0, f"ArduCopter, simulated by uav-cosim ({name})"): None}
     for one in spoken(run):
         if one.who == place:
             said[(one.stamp - EPOCH * 1000) * 1e-9, one.text] = None  # once for all links
     log.add("MSG", np.array([t for t, _ in said]), texts([text for _, text in said], 64))
+    tuned = [*tuning_events(said)]
+    if tuned:
+        log.add("EV", np.array([t for t, _ in tuned]), np.array([event for _, event in tuned]))
     given = [(0.0, key, float(value)) for key, value in autopilot.player.parameters.items() if _is_ardupilots(key)]
     system = autopilot.player.parameters.get(autopilot.player.named(Role.SYSTEM_ID))
     given += [*dict.fromkeys(_changes(run, system))]

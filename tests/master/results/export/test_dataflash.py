@@ -16,9 +16,12 @@ from typer.testing import CliRunner
 from cosim_master import RunOptions, simulate
 from cosim_master.cli import app
 from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.export import dataflash
 from cosim_master.results.export.contents.dataflash_log import MESSAGES, Log
+from cosim_master.results.export.contents.spoken import Spoken
 from cosim_master.results.export.formats import FORMATS, export_run
 from cosim_master.results.export.options import Options
+from cosim_master.results.recording.packet_log import EPOCH
 from tests.master.results.export.test_formats import EAST, START
 
 (DATAFLASH,) = (one for one in FORMATS if one.name == "dataflash")
@@ -166,6 +169,23 @@ def test_state(read: dict[str, list[Any]], signals: dict[str, np.ndarray[Any, An
     assert bat[-1].VoltR > bat[-1].Volt
     assert bat[-1].CurrTot == pytest.approx(signals["autopilot.battery_used"][-1], rel=1e-6)
     assert 0 < bat[-1].RemPct < 100
+
+
+def test_events_of_a_tune_are_those_of_its_texts(
+    logged: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = [Spoken(EPOCH * 1000 + t * 10**9, 6, "drone3", text) for t, text in ((9, "AutoTune: Started"), (11, "x"))]
+    monkeypatch.setattr(dataflash, "spoken", lambda _: said)
+    export_run(logged[0], DATAFLASH, tmp_path, Options())
+    events = {}
+    for drone in (2, 3):
+        reader = DFReader_binary(str(tmp_path / f"drone{drone}.bin"))
+        events[drone] = []
+        while (message := reader.recv_match(type="EV")) is not None:
+            events[drone].append((message.TimeUS, message.Id))
+        reader.close()
+    assert [event for _, event in events[2]] == [10, 28]
+    assert (9_000_000, 30) in events[3] and len(events[3]) == 3
 
 
 def test_failures_become_errors() -> None:
