@@ -312,8 +312,21 @@ def test_the_mode_switch() -> None:
     assert copter.m["mode"] == LAND
     hold(copter, 0.5, 1500, 1500, 1500, 1500, 1700)
     assert copter.m["mode"] == LOITER
-    hold(copter, 1.0, 1500, 1500, 1500, 1500, 0)  # a released switch leaves the mode
+    hold(copter, 0.5, 1500, 1500, 1500, 1500, 0)  # released: 1800 us of the simulated receiver, FLTMODE6
+    assert copter.m["mode"] == STABILIZE
+
+
+def test_an_override_of_the_mode_switch_that_lapses() -> None:
+    """Only one that has moved the switch counts."""
+    copter = flown(LOITER, FLTMODE4=ALT_HOLD)
+    hold(copter, 1.0, 1500, 1500, 1500, 1500)
+    copter.run(5.0)
     assert copter.m["mode"] == LOITER
+    hold(copter, 0.5, 1500, 1500, 1500, 1500, 1550)
+    copter.run(2.0)
+    assert copter.m["mode"] == ALT_HOLD
+    copter.run(1.6)  # RC_OVERRIDE_TIME is 3 s
+    assert copter.m["mode"] == STABILIZE
 
 
 # ---- the radio is lost ---------------------------------------------------------------------------------------------

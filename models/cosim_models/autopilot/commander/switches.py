@@ -1,7 +1,8 @@
 """The pilot's switches: mode changes by the mode switch, arming by the yaw stick.
 
-The switches are read ten times a second. When the override of the mode switch ends, the mode does not change. Kernels
-over the autopilot's record `m`.
+The switches are read ten times a second. When the override of the mode switch ends, its position is again that of the
+simulated receiver, and the mode changes to that position's, as with ArduPilot's. Kernels over the autopilot's record
+`m`.
 
 Source: ArduPilot, RC_Channel (read_mode_switch) and ArduCopter motors (arm_motors_check).
 """
@@ -39,8 +40,10 @@ _MODES = np.array([_FIELDS[f"FLTMODE{i}"][1] for i in range(1, LAST_POSITION + 1
 @kernel
 def _watch_mode(m: Any, t: float) -> None:
     number = m.FLTMODE_CH
-    if number == 0 or not (m.switch_position == _UNKNOWN or override_active(m, number, t)):
+    moved = override_active(m, number, t) if number != 0 else False
+    if number == 0 or not (m.switch_position == _UNKNOWN or moved or m.switch_moved):
         return
+    m.switch_moved = m.switch_moved or moved
     pulse = channel(m, number, t)
     if not _LEAST < pulse < _GREATEST:
         return
@@ -88,7 +91,7 @@ def _watch_rudder(m: Any, t: float) -> None:
 def watch_switches(m: Any, t: float) -> None:
     """Responds to the mode switch and the yaw stick."""
     flies = hands_on(m, t)
-    if flies or m.switch_position == _UNKNOWN:
+    if flies or m.switch_moved or m.switch_position == _UNKNOWN:
         _watch_mode(m, t)
     if flies:
         _watch_rudder(m, t)

@@ -263,6 +263,7 @@ MEMORY = (
     Memory("switch_position", dtype="i4", rare=True),  # of the mode switch, 1 to 6
     Memory("switch_seen", dtype="i4", rare=True),
     Memory("switch_since", rare=True),
+    Memory("switch_moved", dtype="?", rare=True),  # by an override, once
     Memory("rudder_count", dtype="i4", rare=True),
     Memory("loiter_tilt", shape=2, rare=True),  # roll and pitch as they will follow the sticks
     Memory("loiter_tilt_rate", shape=2, rare=True),

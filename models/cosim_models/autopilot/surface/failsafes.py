@@ -66,6 +66,13 @@ def note_station(m: Any, sender: int, t: float) -> None:
 
 
 @kernel
+def _cannot_fail(m: Any) -> bool:
+    """Returns whether nothing can be a cause: there has been no stick, and all else is off."""
+    causes = m.FS_GCS_ENABLE | m.FS_CRASH_CHECK | m.SIM_RC_FAIL | m.failsafe_bits | m.failsafe_acted
+    return bool(causes == 0 and not m.sticks_known)
+
+
+@kernel
 def _say(m: Any, severity: int, text: int, cause: int) -> None:
     """Says the text of a cause."""
     say(m, severity, text + (0 if cause == _RADIO else 1), 0)
@@ -143,6 +150,9 @@ def failsafes(
     @kernel
     def watch(m: Any, t: float) -> None:
         m.failsafe_due = t + _PERIOD - 1e-9
+        if _cannot_fail(m):
+            m.radio_heard = t
+            return
         if m.FS_THR_ENABLE != 0:
             trigger(m, _RADIO, _radio_is_lost(m, t), m.FS_THR_ENABLE == _GOES_ON, t)
         if m.FS_GCS_ENABLE != 0 and m.station_known:

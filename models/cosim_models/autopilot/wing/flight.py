@@ -126,13 +126,11 @@ def servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None
 
 
 @kernel
-def _mixed_servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None:
-    """Like `servos`, with a pilot's sticks added to bank, pitch and rudder: stick mixing."""
+def _mix(m: Any, bank: float, pitch: float) -> tuple[float, float]:
+    """Returns bank and pitch [rad] with a pilot's sticks added: stick mixing."""
     most = math.radians(m.ROLL_LIMIT_DEG)
-    bank = clip(bank + m.mixed[0], -most, most)
-    pitch = clip(pitch + m.mixed[1], -math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG))
-    servos(m, bank, pitch, throttle, h)
-    m.motor[3] = clip(m.motor[3] + 0.5 * m.mixed[2], 0.0, 1.0)
+    low, high = -math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG)
+    return clip(bank + m.mixed[0], -most, most), clip(pitch + m.mixed[1], low, high)
 
 
 @kernel
@@ -205,9 +203,10 @@ def fly(m: Any, bank: float, down: float, speed: float, h: float) -> None:
     climb = clip(CLIMB_P * (m.position[2] - down), -m.TECS_SINK_MAX, m.TECS_CLMB_MAX)
     pitch, throttle = _energy(m, climb, speed, h)
     if m.mixes:
-        _mixed_servos(m, bank, pitch, throttle, h)
-    else:
-        servos(m, bank, pitch, throttle, h)
+        bank, pitch = _mix(m, bank, pitch)
+    servos(m, bank, pitch, throttle, h)
+    if m.mixes:
+        m.motor[3] = clip(m.motor[3] + 0.5 * m.mixed[2], 0.0, 1.0)
 
 
 @kernel
