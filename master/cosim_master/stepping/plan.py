@@ -284,7 +284,8 @@ def _instance_table(
 
 def _feeds(layout: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """Returns the FEED table, instance by instance."""
-    table = np.zeros(len(layout.instances), dtype=FEED)
+    feeds = np.zeros(len(layout.instances), dtype=FEED)
+    table: Any = feeds  # mypy takes seconds for fields of fields
     table["instance"] = np.arange(len(table))
     inputs = outputs = 0
     for kind, name in enumerate(KINDS):
@@ -297,7 +298,7 @@ def _feeds(layout: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         outputs += len(ports.outputs)
     changed = np.concatenate([[0], np.cumsum((wires["factor"] != 1.0) | (wires["offset"] != 0.0))])
     table["plain"] = changed[table["first_in"][:, 0]] == changed[table["last_in"][:, 0]]
-    return table
+    return feeds
 
 
 def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any, Any]:
@@ -308,7 +309,8 @@ def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any
     begins[1:] = (np.diff(periods) != 0) | (np.diff(feeds["plain"].astype(np.int64)) != 0)
     runs = feeds[begins]
     ends = np.append(np.flatnonzero(begins)[1:], len(feeds)) - 1
-    runs["last_in"], runs["last_out"] = feeds["last_in"][ends], feeds["last_out"][ends]
+    last: Any = feeds[ends]
+    runs["last_in"], runs["last_out"] = last["last_in"], last["last_out"]
     return runs
 
 

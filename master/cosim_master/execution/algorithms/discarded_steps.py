@@ -196,7 +196,8 @@ class Grid:
 
     def _begin(self, due: np.ndarray[Any, Any]) -> None:
         """Sets the length of the steps that are about to begin."""
-        counters, rows = self._plan.counters, self._plan.instances
+        counters: Any = self._plan.counters
+        rows: Any = self._plan.instances
         lengths = np.minimum(rows["period"], counters[LAST] - counters[K])
         rows["length"] = np.where(due, lengths, rows["length"])
         rows["h"] = np.where(due, lengths * counters[BASE] / (1e9 * counters[PER_NS]), rows["h"])

@@ -111,7 +111,8 @@ class LiveTraffic:
         self._last = max(self._last, float(events["sent"].max()) / 1e9)
 
     def _fly(self, events: Array) -> None:
-        source, target = self._vehicle[self._node_of[events["source"]]], self._vehicle[events["target"]]
+        of: Any = self._vehicle
+        source, target = of[self._node_of[events["source"]]], of[events["target"]]
         rows = np.flatnonzero((source != _NOBODY) & (target != _NOBODY) & (source != target))
         rows = _some(rows, _FLIGHTS)
         if not rows.size:
