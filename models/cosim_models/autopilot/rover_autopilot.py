@@ -402,19 +402,19 @@ def advance(m: Any, t: float, h: float) -> int:
         _receive(m, t)
     if t >= m.watch_next:
         _watch(m, t)
-    if not m.armed:
-        home_here(m)
     for i in range(3):
         m.desired_velocity[i] = 0.0
     if not m.armed:
+        home_here(m)
         m.motor[0], m.motor[1] = 0.5, 0.5
         m.demand, m.integral = 0.0, 0.0
     else:
         _act(m, t, h)
-    placed = m.guided_kind != VELOCITY
-    for i in range(3):
-        m.target[i] = m.guided_position[i] if placed and i < 2 else m.position[i]
-        m.desired_position[i] = m.target[i]
+    n, e, d = m.position[0], m.position[1], m.position[2]
+    if m.guided_kind != VELOCITY:
+        n, e = m.guided_position[0], m.guided_position[1]
+    m.target[0], m.target[1], m.target[2] = n, e, d
+    m.desired_position[0], m.desired_position[1], m.desired_position[2] = n, e, d
     if m.uploading:
         continue_upload(m, t)
     if m.listed >= 0:

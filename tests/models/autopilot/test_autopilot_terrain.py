@@ -140,7 +140,7 @@ def test_gps_is_jammed_within_the_area_and_its_time() -> None:
     while not copter.m["gps_jammed"] and copter.time < 40.0:
         copter.run(0.1)
     assert copter.v["position"][0] == pytest.approx(12.0, abs=0.5)
-    copter.run(2.5)
+    copter.run(7.5)
     texts = [m.text for m in copter.messages("STATUSTEXT")]
     assert "GPS Glitch or Compass error" in texts and "EKF Failsafe: changed to LAND Mode" in texts
     assert copter.m["mode"] == LAND

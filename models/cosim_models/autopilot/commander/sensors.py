@@ -4,7 +4,7 @@ The motion that the autopilot senses stands for the estimate of ArduPilot's EKF3
 fails, the estimate has an error, which is added to that motion:
 
 - GPS, barometer, and inertial sensors: `estimate.filter`. Without GPS, the position is lost after 7 s.
-- Jammed GPS: its positions and velocities are nonsense and rejected.
+- Jammed GPS: it has no fix for 1 to 6 s, then its positions and velocities are nonsense and rejected.
 - Vibration is added to the acceleration, behind the filter of the accelerometer.
 - Compass: offsets other than the calibrated ones turn the heading of the estimate, slowly.
 
@@ -21,6 +21,7 @@ from typing import Any
 
 from cosim.frames import deg_e7, geodetic_from_local, multiply, rotate, rotate_inverse, wrap_pi
 from cosim.kernel import kernel
+from cosim.random_numbers import threefry
 from cosim_models.autopilot.commander.estimate.filter import (
     LANES,
     begin_filters,
@@ -47,6 +48,9 @@ _NEVER = -1.0
 _NONSENSE = 10.0  # innovation over its gate
 _SAME = 1e-3  # m, m/s, rad
 _SAME_RATE = 1e-5  # rad/s
+_SILENT, _SILENT_AT_MOST = 1.0, 5.0  # s after the begin of jamming, and more by chance
+_FIXES, _EARLY = 5.0, 1e-6  # of GPS a second
+_JAMMING, _WORDS = 0x4A414D47, 4294967296.0  # key of the random numbers, and how many there are
 _PERIOD = 0.1  # s, of `watch_sensors`
 _LEARNING_YAW = 0.01  # 1/s2, of the error of the heading
 
@@ -128,12 +132,28 @@ def _watch_glitch(m: Any, t: float) -> None:
 
 
 @kernel
+def _watch_jamming(m: Any, t: float) -> None:
+    """Looks whether a jammed GPS has a fix again: none in the first second, surely from the sixth on, and by chance."""
+    if not m.gps_jammed:
+        m.jammed_at = _NEVER
+        return
+    if m.jammed_at == _NEVER:
+        m.jammed_at = t
+        m.jamming_heard = False
+    since = t - m.jammed_at
+    if not m.jamming_heard and since >= _SILENT:
+        drawn, _ = threefry(_JAMMING, m.SYSID_THISMAV, int(_FIXES * t + _EARLY), 0)
+        m.jamming_heard = since >= _SILENT + _SILENT_AT_MOST * drawn / _WORDS
+
+
+@kernel
 def _watch_gps(m: Any, t: float) -> None:
     """Looks whether GPS is lost, and what it and the barometer tell."""
     m.told_error[0] = m.SIM_GPS1_GLTCH_X * _PER_DEGREE
     m.told_error[1] = m.SIM_GPS1_GLTCH_Y * _PER_DEGREE * math.cos(m.origin_latitude)
     m.told_error[2] = -m.SIM_BARO_DRIFT * t - m.SIM_BARO_GLITCH
     m.gps_heard = m.SIM_GPS1_ENABLE != 0 and not m.gps_jammed
+    _watch_jamming(m, t)
     if m.SIM_GPS1_ENABLE == 0:
         if m.gps_lost_at == _NEVER:
             m.gps_lost_at = t
@@ -155,7 +175,7 @@ def _watch_ratios(m: Any) -> None:
     m.height_ratio = ratio(m, m.lane, 2)
     if m.SIM_GPS1_ENABLE == 0:
         m.velocity_ratio = m.position_ratio = 0.0
-    elif m.gps_jammed:
+    elif m.gps_jammed and m.jamming_heard:
         m.velocity_ratio = m.position_ratio = _NONSENSE
 
 
@@ -207,7 +227,7 @@ def watch_sensors(m: Any, t: float) -> None:
         m.position_ratio = m.velocity_ratio = m.height_ratio = 0.0
         return
     if not was:
-        m.gps_lost_at = m.gps_rejected_at = _NEVER
+        m.gps_lost_at = m.gps_rejected_at = m.jammed_at = _NEVER
         m.yaw_error = m.vibration_phase = m.smooth_position_ratio = m.smooth_velocity_ratio = 0.0
         for i in range(3):
             m.estimate_error[i] = m.gyro_delays[i, 0] = m.gyro_delays[i, 1] = 0.0

@@ -293,15 +293,20 @@ def set_interval(m: Any, row: int, interval: float, t: float) -> None:
 
 
 @kernel
-def stream(m: Any, t: float) -> None:
-    """Sends the messages due at t."""
-    changed = m.armed != m.told_armed or m.mode != m.told_mode
+def _tell_change(m: Any, t: float) -> None:
+    """Tells that it was armed or disarmed, or changed its mode."""
     if m.armed != m.told_armed and m.kind != MAV_TYPE_QUADROTOR:
         say(m, MAV_SEVERITY_INFO, ARMED if m.armed else DISARMED, 0)
     m.told_armed = m.armed
     m.told_mode = m.mode
-    if changed:
-        send_message(m, 0, t)
+    send_message(m, 0, t)
+
+
+@kernel
+def stream(m: Any, t: float) -> None:
+    """Sends the messages due at t."""
+    if m.armed != m.told_armed or m.mode != m.told_mode:
+        _tell_change(m, t)
     if m.repeat_left > 0:
         continue_repetition(m, t)
     if t < m.next_due - _SLACK:

@@ -329,6 +329,8 @@ MEMORY = (
     # failing sensors
     Memory("sim_on", dtype="?"),
     Memory("gps_jammed", dtype="?", rare=True),
+    Memory("jammed_at", rare=True),  # -1: never
+    Memory("jamming_heard", dtype="?", rare=True),  # the jammed receiver has a fix
     Memory("estimate_errs", dtype="?", rare=True),  # the filters of the estimate run
     Memory("gyro_delays", shape=(3, 2), rare=True),  # of the low-pass of its noise
     Memory("lane", dtype="i4", rare=True),  # that flies, from 0
