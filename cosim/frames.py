@@ -149,10 +149,8 @@ def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float,
 def roll_pitch_from_quaternion(q: Quaternion) -> tuple[float, float]:
     """Returns roll in [-pi, pi] and pitch in [-pi/2, pi/2] of `q`, in rad; roll is 0 if vertical."""
     sine = 2.0 * (q[0] * q[2] - q[3] * q[1])
-    if sine > _GIMBAL_LOCK:
-        return 0.0, 0.5 * math.pi
-    if sine < -_GIMBAL_LOCK:
-        return 0.0, -0.5 * math.pi
+    if abs(sine) > _GIMBAL_LOCK:
+        return 0.0, math.copysign(0.5 * math.pi, sine)
     roll = math.atan2(2.0 * (q[0] * q[1] + q[2] * q[3]), 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]))
     return roll, math.asin(sine)
 
@@ -161,10 +159,8 @@ def roll_pitch_from_quaternion(q: Quaternion) -> tuple[float, float]:
 def yaw_from_quaternion(q: Quaternion) -> float:
     """Returns yaw in [-pi, pi] of `q`, in rad, with a roll of 0 if vertical."""
     sine = 2.0 * (q[0] * q[2] - q[3] * q[1])
-    if sine > _GIMBAL_LOCK:
-        return wrap_pi(-2.0 * math.atan2(q[1], q[0]))
-    if sine < -_GIMBAL_LOCK:
-        return wrap_pi(2.0 * math.atan2(q[1], q[0]))
+    if abs(sine) > _GIMBAL_LOCK:
+        return wrap_pi(math.copysign(2.0, -sine) * math.atan2(q[1], q[0]))
     return math.atan2(2.0 * (q[0] * q[3] + q[1] * q[2]), 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3]))
 
 
