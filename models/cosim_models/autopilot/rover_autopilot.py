@@ -402,8 +402,7 @@ def advance(m: Any, t: float, h: float) -> int:
         _receive(m, t)
     if t >= m.watch_next:
         _watch(m, t)
-    for i in range(3):
-        m.desired_velocity[i] = 0.0
+    m.desired_velocity[0], m.desired_velocity[1] = 0.0, 0.0
     if not m.armed:
         home_here(m)
         m.motor[0], m.motor[1] = 0.5, 0.5
