@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -85,6 +86,24 @@ def test_only_fmus_that_mention_the_input_are_read(fmus: Path, monkeypatch: pyte
     assert "RoverAutopilot" in read and "Rover" in read
     assert not {"Airspace", "LargeAirspace", "LineAgent"} & {*read}
     assert mentions(fmus / "LineAgent.fmu", "target<1>") and not mentions(fmus / "LineAgent.fmu", "airframe")
+
+
+@pytest.mark.parametrize(
+    ("text", "there"),
+    [
+        ('<ScalarVariable name="body"/>', True),
+        ("<ScalarVariable\n\tname = 'body'/>", True),
+        ('<ScalarVariable quantityname="body" name="other"/>', False),
+        ("<ScalarVariable name=\"body'/>", False),
+        ('<ScalarVariable name="bodyname" description="body"/>', False),
+        ('<A displayname="body"/><B name="body"/>', True),
+        ('name="body"', False),
+    ],
+)
+def test_a_name_is_an_attribute(text: str, there: bool, tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "one.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", text)
+    assert mentions(tmp_path / "one.fmu", "body") is there
 
 
 def test_a_shipped_model_that_accepts_a_vehicle_is_built(
