@@ -19,7 +19,7 @@ def calls_of(execution: Execution) -> list[str]:
         ranges = [int(feed[side][kind]) for kind in (0, 1) for side in ("first_in", "last_in")]
         ranges[3] = int(feed["last_in"][2])  # booleans are integers to the floor
         lines.append(" ".join(map(str, ranges)))
-        first, middle, last = (int(row[name]) for name in ("first_set_value", "first_get", "last_get"))
+        first, middle, last = (int(row[name]) for name in ("first_set_value", "last_set", "last_get"))
         for some in (plan.calls[first:middle], plan.calls[middle:last]):
             lines.append(str(len(some)))
             lines += [_line(plan, call) for call in some]

@@ -45,7 +45,7 @@ def columns_of_part(layout: Layout, elsewhere: Collection[int]) -> tuple[_Places
 def confined(plan: Plan, layout: Layout, periods: Sequence[int], elsewhere: Collection[int]) -> Plan:
     """Returns the plan of a part, in which the instances `elsewhere` are neither fed nor stepped nor recorded."""
     away = np.isin(np.arange(len(layout.instances)), list(elsewhere))
-    for field in ("first_set", "first_set_value", "first_get", "last_get"):
+    for field in ("first_set", "first_set_value", "last_set", "first_get", "last_get"):
         plan.instances[field][away] = 0
     plan.instances["endpoint"][away] = -1
     there = away[plan.ports["instance"]]

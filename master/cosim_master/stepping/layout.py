@@ -172,9 +172,10 @@ def shows_error(variable: Variable) -> bool:
 def _by_type(fmu: FmuDescription) -> _InOrder:
     """Returns the variables of an FMU, grouped by FMI 3 type: one call gets or sets all variables of a type.
 
-    Variables that belong to Clocks come last: the loop stores their values, but does not set and get them.
+    Variables that never change come last: the loop gets them once. Variables that belong to Clocks come last of their
+    type: the loop stores their values, but does not set and get them.
     """
-    return sorted(fmu.variables.items(), key=lambda item: call_of(item[1]))
+    return sorted(fmu.variables.items(), key=lambda item: (item[1].settled, call_of(item[1])))
 
 
 def _array(v: Variable) -> tuple[str, int] | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from cosim.kernel import table
 from cosim_master.fmi.calls import CALL, KINDS, CallMemory, Calls, PacketPlaces, Row
+from cosim_master.fmi.description.variables import Variable
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.tables import (
     AHEAD,
@@ -324,6 +325,31 @@ class _Values:
     int_out: np.ndarray[Any, Any]
 
 
+class _Side:
+    """The inputs or the outputs of all instances, and where their values are."""
+
+    def __init__(self, verb: str, variables: Sequence[Variable], reals: Any, integers: Any) -> None:
+        self.reals = reals.size
+        self._verb, self._variables = verb, variables
+        self._real_values, self._int_values = reals.ctypes.data, integers.ctypes.data
+
+    def first_settled(self, first: Sequence[int], last: Sequence[int]) -> list[int]:
+        """Returns the first variable of each kind that never changes; they are behind those that may."""
+        return [
+            int(begin) + sum(not one.settled for one in self._variables[begin:end])
+            for begin, end in zip(first, last, strict=True)
+        ]
+
+    def calls(self, calls: Calls, first: Sequence[int], last: Sequence[int]) -> list[Row]:
+        """Returns the calls that set or get the variables `first` to `last` - 1 of each kind."""
+        rows: list[Row] = []
+        for kind, (name, begin, end) in enumerate(zip(KINDS, map(int, first), map(int, last), strict=True)):
+            if end > begin:
+                at = self._real_values + 8 * begin if kind == 0 else self._int_values + 4 * (begin - self.reals)
+                rows += calls.values(self._verb, name, self._variables[begin:end], at)
+        return rows
+
+
 def _calls(
     instances: np.ndarray[Any, Any],
     feeds: np.ndarray[Any, Any],
@@ -336,32 +362,27 @@ def _calls(
 ) -> np.ndarray[Any, Any]:
     """Returns the CALL table, and stores in `instances` the calls that belong to each instance."""
     rows: list[Row] = []
-    v = values
-    inputs, outputs = [one for p in kinds for one in p.inputs], [one for p in kinds for _, one in p.outputs]
-    sides = (
-        ("Set", "in", inputs, v.real_in.ctypes.data, v.int_in.ctypes.data, len(kinds[0].inputs)),
-        ("Get", "out", outputs, v.real_out.ctypes.data, v.int_out.ctypes.data, len(kinds[0].outputs)),
-    )
+    inputs = _Side("Set", [one for p in kinds for one in p.inputs], values.real_in, values.int_in)
+    outputs = _Side("Get", [one for p in kinds for _, one in p.outputs], values.real_out, values.int_out)
+    outputs.reals = len(kinds[0].outputs)  # real_out also holds values that are no outputs
     for i, one in enumerate(calls):
-        row = instances[i]
+        row, feed = instances[i], feeds[i]
         first_endpoint = int(row["endpoint"])
         last_endpoint = first_endpoint + 1 + int(ports[first_endpoint]["further"]) if first_endpoint >= 0 else -1
-        for verb, side, variables, real_values, int_values, n_reals in sides:
-            row["first_set" if verb == "Set" else "first_get"] = len(rows)
-            if verb == "Set":
-                for e in range(first_endpoint, last_endpoint):
-                    rows += _packet_call(verb, one, ports, e)
-                row["first_set_value"] = len(rows)
-            for kind, name in enumerate(KINDS):
-                first, last = int(feeds[i][f"first_{side}"][kind]), int(feeds[i][f"last_{side}"][kind])
-                if last > first:
-                    at = real_values + 8 * first if kind == 0 else int_values + 4 * (first - n_reals)
-                    rows += one.values(verb, name, variables[first:last], at)
-            if verb == "Get":
-                rows += _packet_call(verb, one, ports, first_endpoint)
-            elif (own := np.flatnonzero(slopes["instance"] == i)).size:
-                extrapolated = [inputs[j] for j in slopes["input"][own]]
-                rows.append(one.input_derivatives(extrapolated, derivatives[own[0] :].ctypes.data))
+        row["first_set"] = len(rows)
+        for e in range(first_endpoint, last_endpoint):
+            rows += _packet_call("Set", one, ports, e)
+        row["first_set_value"] = len(rows)
+        rows += inputs.calls(one, feed["first_in"], feed["last_in"])
+        if (own := np.flatnonzero(slopes["instance"] == i)).size:
+            extrapolated = [kinds[0].inputs[j] for j in slopes["input"][own]]
+            rows.append(one.input_derivatives(extrapolated, derivatives[own[0] :].ctypes.data))
+        row["last_set"] = len(rows)
+        changing = outputs.first_settled(feed["first_out"], feed["last_out"])
+        rows += outputs.calls(one, changing, feed["last_out"])
+        row["first_get"] = len(rows)
+        rows += outputs.calls(one, feed["first_out"], changing)
+        rows += _packet_call("Get", one, ports, first_endpoint)
         row["last_get"] = len(rows)
         for e in range(first_endpoint + 1, last_endpoint):
             ports[e]["get"] = len(rows)

@@ -115,7 +115,7 @@ class Profiler:
         ends = [*rows["first_set"][1:], len(plan.calls)]
         for i, (row, end) in enumerate(zip(rows, ends, strict=True)):
             self._owners[row["first_set"] : end] = i
-            self._kinds[row["first_get"] : end] = 1
+            self._kinds[row["last_set"] : end] = 1
 
     @staticmethod
     def _addresses(table: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -97,6 +97,11 @@ class Variable:
             return False
         return self.causality == "input" or self.initial in ("exact", "approx")
 
+    @property
+    def settled(self) -> bool:
+        """True if its value does not change after initialization (FMI 2.0.5 and 3.0.2, 2.2.7, variability)."""
+        return self.variability in ("constant", "fixed")
+
     def parsed(self, text: str) -> Start:
         """Returns a value written as text; for an enumeration, this is the item's name or number.
 

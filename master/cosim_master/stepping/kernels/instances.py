@@ -240,7 +240,7 @@ def begin_ahead(
         if one.begin == np.uintp(0) or (m.period != 1 and k % m.period != 0):
             continue
         packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
-        if not _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get, at):
+        if not _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.last_set, at):
             continue
         h = min(m.period, left) * base / per_second
         if m.answers == np.uintp(0):
@@ -303,7 +303,7 @@ def step_some(
             well = False
         elif since == 0:
             packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
-            well = _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get, at)
+            well = _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.last_set, at)
             if well:
                 if m.length != min(m.period, left):
                     m.length = min(m.period, left)
@@ -382,13 +382,13 @@ def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
 
 @kernel
 def collect_all(p: Plan) -> None:
-    """Collects the outputs of every instance after initialization."""
+    """Collects the outputs of every instance after initialization, and the values that never change after it."""
     at = running(p)
     for i in range(p.instances.size):
         m = p.instances[i]
         if p.counters[FAILURES] > 0 and _corrupted(p.instances, m.library):
             continue
-        _call(p.instances, p.calls, i, m.first_get, m.last_get, at)
+        _call(p.instances, p.calls, i, m.last_set, m.last_get, at)
         if m.endpoint >= 0 and m.failed[0] == 0:
             _collect_packets(p.instances, p.calls, p.ports, i, p.encoded[0], p.tx, at)
         if m.failed[0] != 0:

@@ -120,7 +120,8 @@ INSTANCE = np.dtype(
         ("failed", "i4", (3,)),  # function (0: not failed), status, detail
         ("first_set", "u4"),  # calls: fmi2SetString of its packets, if it has such a port,
         ("first_set_value", "u4"),  # fmi2SetXXX of its values,
-        ("first_get", "u4"),  # fmi2GetXXX of its values, fmi2GetString of its packets
+        ("last_set", "u4"),  # fmi2GetXXX of the values that never change,
+        ("first_get", "u4"),  # fmi2GetXXX of the others, fmi2GetString of its packets
         ("last_get", "u4"),
     ],
     align=True,
@@ -261,7 +262,7 @@ class Plan(NamedTuple):
 ROLES = declared(
     CONSTANT="""
         instances.handle instances.do_step instances.expect instances.answers instances.library instances.endpoint
-        instances.first_set instances.first_set_value instances.first_get instances.last_get
+        instances.first_set instances.first_set_value instances.last_set instances.first_get instances.last_get
         calls feeds input_runs sources wires int_to_real value_maps
         real_recorded int_recorded grids delays slopes.input slopes.instance confined free ahead
         ports.instance ports.has_rx ports.has_tx ports.given ports.rx ports.tx ports.binary ports.get ports.further
