@@ -88,13 +88,19 @@ class Other:
             for k in range(1, self._periods + 1):
                 helics.helicsFederateRequestTime(self.federate, k * PERIOD)
                 while helics.helicsEndpointHasMessage(self.radio):
-                    message = helics.helicsEndpointGetMessage(self.radio)
-                    source = helics.helicsMessageGetSource(message)
-                    self.messages.append((source, bytes(helics.helicsMessageGetBytes(message))))
+                    self.messages.append(self._next())
                 self._meet(self, k)
             helics.helicsFederateDisconnect(self.federate)
         except BaseException as error:
             self.errors.append(error)
+
+    def _next(self) -> tuple[str, bytes]:
+        """Returns source and packet of the next message.
+
+        The message itself does not outlive this: HELICS reuses its memory, and freeing it later would free another one.
+        """
+        message = helics.helicsEndpointGetMessage(self.radio)
+        return helics.helicsMessageGetSource(message), bytes(helics.helicsMessageGetBytes(message))
 
     def join(self) -> None:
         self.thread.join(300)

@@ -96,7 +96,7 @@ def make_layout(
         record: patterns (see `diagnostics.names`) of outputs and local variables ``instance.variable`` to record; if
             empty, all outputs are recorded, except for unconnected ones that are declared optional.
         master: the master algorithm; None is Jacobi without delays.
-        observed: outputs (instance, variable) that observers need, recorded or not.
+        observed: outputs and parameters (instance, variable) that observers need, recorded or not.
 
     Raises:
         SystemDescriptionError: a pattern matches nothing.

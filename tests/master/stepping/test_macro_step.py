@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -29,13 +31,18 @@ class Loop:
     """A plan over scripted instances, ready to step; what initialization would do has been done."""
 
     def __init__(
-        self, instances: list[Scripted], links: list[Any], until: float, network: Network | None = None
+        self,
+        instances: list[Scripted],
+        links: list[Any],
+        until: float,
+        network: Network | None = None,
+        observed: Sequence[tuple[str, str]] = (),
     ) -> None:
         by_name = sorted(instances, key=lambda one: one.name)
         self.slaves = by_name  # the plan has nothing but their addresses
         checked = system_of(instances, links)
         self.network = network or Network()
-        self.layout = make_layout(checked, self.network)
+        self.layout = make_layout(checked, self.network, observed=observed)
         self.plan = make_plan(self.layout, time_grid(checked, until), self.network, by_name, 1)  # type: ignore[arg-type]
         self.radio = make_radio(self.network, self.layout.ports["Real"].index, keep=True)
         collect_all(self.plan)
@@ -52,6 +59,24 @@ def adder(name: str, log: list[str], start: float, size: float = 1.0, **more: An
         self.values["y"] += self.values["u"]
 
     return Scripted(name, [U, Y], step, {"u": 0.0, "y": start}, log, size, **more)
+
+
+def test_values_that_never_change_are_fetched_once() -> None:
+    """An observer needs a fixed parameter and an output; only the output is asked for again."""
+    log: list[str] = []
+    fixed = replace(variable("size", "parameter", reference=0), variability="fixed", initial="exact")
+
+    def step(self: Scripted, t: float, h: float) -> None:
+        self.values["y"] += 1.0
+
+    one = Scripted("a", [fixed, Y], step, {"size": 4.0, "y": 1.0}, log, 1.0)
+    loop = Loop([one], [], until=2.0, observed=[("a", "size"), ("a", "y")])
+    assert log == ["a: get size", "a: get y"]
+    log.clear()
+    assert loop.to(2) == DONE
+    assert log == ["a: doStep 0 + 1", "a: get y", "a: doStep 1 + 1", "a: get y"]
+    index = loop.layout.ports["Real"].index
+    assert {name: loop.plan.real_out[at] for (_, name), at in index.items()} == {"size": 4.0, "y": 3.0}
 
 
 def test_one_macro_step_of_two_instances() -> None:
