@@ -224,6 +224,10 @@ def test_each_twitch_is_that_of_arducopter_on_this_body(roll: Roll) -> None:
     alike = (np.abs(ours[:, 3:] - rows[:, 3:]) <= tolerances * np.abs(rows[:, 3:])).all(axis=1)
     assert np.count_nonzero(~alike) <= 6  # a bounce-back at its threshold may count a twitch later
     assert alike[-40:].all()
+    last = roll.records[1]["tuned"]  # as a log tells it: number, axis, kind; degrees, gains, centidegrees
+    assert last[:2].tolist() == [len(rows), 0.0]
+    told = [*np.degrees(last[3:6]), *last[6:9], 100.0 * np.degrees(last[9])]
+    np.testing.assert_allclose(told, ours[-1, 3:], rtol=1e-9)
     assert roll.tune.duration == pytest.approx(recorded["duration"], abs=0.1)
     assert "Rate: P:0.227, I:0.227, D:0.0061, Angle P:21.276, Max Accel:" in roll.tune.gains(0)
     assert roll.found["ATC_ACCEL_R_MAX"] == pytest.approx(158609.0, rel=0.005)

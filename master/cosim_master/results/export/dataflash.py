@@ -46,7 +46,8 @@ _SIZES = {
     "ATT": 4, "ATT.Des": 4, "RATE": 3, "RATE.Des": 3, "RATE.Out": 3, "RATE.AOut": 0, "PSC.DP": 3, "PSC.P": 3,
     "PSC.DV": 3, "PSC.TV": 3, "PSC.V": 3, "PSC.DA": 3, "PSC.TA": 3, "PSC.A": 3, "CTUN.ThI": 0, "CTUN.ABst": 0,
     "CTUN.ThH": 0, "ORGN.1": 3, "MODE": 0, "EV.10": 0, "EV.18": 0, "ERR.5": 0, "ERR.6": 0, "ERR.8": 0, "ERR.9": 0,
-    "ERR.11": 0, "ERR.17": 0, "RCOU": 8, "RCOU.n": 0, "BAT.Volt": 0, "BAT.Curr": 0, "BAT.CurrTot": 0, "BAT.EnrgTot": 0,
+    "ERR.11": 0, "ERR.17": 0, "ATUN": 10, "ATDE": 3,
+    "RCOU": 8, "RCOU.n": 0, "BAT.Volt": 0, "BAT.Curr": 0, "BAT.CurrTot": 0, "BAT.EnrgTot": 0,
 }  # fmt: skip
 """Numbers of elements of the variables that an autopilot declares (`cosim.verdict.Logged`); 0: a scalar.
 
@@ -54,13 +55,18 @@ ATT and ATT.Des: quaternions w, x, y, z that rotate FRD into NED. RATE: rad/s an
 FRD. PSC, and ORGN.1 (home): north, east and up from the local origin, but .DP and .DV: NED; .D: on the shaped path;
 .T: demanded; SI units. RATE.AOut, CTUN.ThI, CTUN.ABst (with the boost for the lean angle), CTUN.ThH: throttle, 0 to 1.
 EV.10 and EV.18: whether it is armed, and on the ground. ERR.n: code of the subsystem n; ERR.11: whether GPS glitches.
-RCOU: (pwm - 1000) / 1000, of the first RCOU.n. BAT: V, A, mAh and J; parameters BAT.Res (V/A), BAT.cell (Ah, 0: never
-empty) and BAT.full (mAh).
+ATUN: number of twitches of a tune so far, and of the last one axis, kind, target, least and greatest (angle or rate),
+P, D and angle P, acceleration, with rad; ATDE: whether there is one, its angle and rate. RCOU: (pwm - 1000) / 1000, of
+the first RCOU.n. BAT: V, A, mAh and J; parameters BAT.Res (V/A), BAT.cell (Ah, 0: never empty) and BAT.full (mAh).
 """
 _USED = ("BAT.Volt", "BAT.Curr", "BAT.CurrTot", "BAT.EnrgTot")
 _FROM_ESTIMATOR = {"XKF1.P": 3, "XKF1.V": 3, "XKF1": 4, "XKF1.G": 3}
 """Position, velocity (NED), attitude and bias of the gyro (FRD, rad/s) of an estimator."""
 _NED = (1.0, 1.0, -1.0)
+
+
+_FROM_FEEDFORWARD = 3
+"""Number of the kind of twitches that ArduCopter has for helicopters alone; later kinds count from it on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +153,7 @@ def _log(
     _add_words(log, run, name, autopilot)
     _add_control(log, autopilot)
     _add_state(log, autopilot)
+    _add_tune(log, autopilot)
     _add_sensed(log, autopilot, origin)
     _add_estimate(log, signals, set(signals.schema_arrow.names), name, known, origin)
     return log
@@ -307,6 +314,22 @@ def _add_battery(log: Log, one: _Recording) -> None:
         "BAT", one.time[rows], 0, volts, volts + ohms * current, current, used, energy / 3600.0, 0.0, ohms,
         left,
     )  # fmt: skip
+
+
+def _add_tune(log: Log, one: _Recording) -> None:
+    """Adds ATUN and ATDE of AUTOTUNE."""
+    if not one.has("ATUN", "ATDE"):
+        return
+    rows = _begins(one["ATUN"][:, 0])
+    if rows.any():
+        _, axis, kind, *measured, p, d, angle, acceleration = one["ATUN"][rows].T
+        step = kind + (kind >= _FROM_FEEDFORWARD)
+        log.add(
+            "ATUN", one.time[rows], axis, step, *np.degrees(measured), p, d, angle, 100.0 * np.degrees(acceleration)
+        )
+    rows = one["ATDE"][:, 0] > 0.0
+    if rows.any():
+        log.add("ATDE", one.time[rows], *np.degrees(one["ATDE"][rows, 1:]).T)
 
 
 def _at_most(time: Array, rate: float) -> np.ndarray[Any, np.dtype[np.int64]]:

@@ -5,7 +5,9 @@ This module contains no computation.
 
 from __future__ import annotations
 
-from cosim import Memory
+from dataclasses import replace
+
+from cosim import Memory, State
 
 __all__ = ["GAINS", "TUNING_MEMORY"]
 
@@ -46,4 +48,6 @@ TUNING_MEMORY = (
     Memory("tune_accel_rate", rare=True),  # to which it belongs
     Memory("tune_before", shape=(3, GAINS), rare=True),
     Memory("tune_found", shape=(3, GAINS), rare=True),
+    replace(State("tuned", shape=10, description="last twitch of AUTOTUNE, as ATUN of a log, rad"), rare=True),
+    replace(State("tuning", shape=3, description="twitch of AUTOTUNE: 1 during one; angle, rate, rad"), rare=True),
 )

@@ -457,6 +457,8 @@ LOGGED = Logged(
         ("ERR.17", "ekf_failed"),
         ("RCOU", "motor"),
         ("RCOU.n", "motor_count"),
+        ("ATUN", "tuned"),
+        ("ATDE", "tuning"),
         ("BAT.Volt", "battery_voltage"),
         ("BAT.Curr", "battery_current"),
         ("BAT.CurrTot", "battery_used"),

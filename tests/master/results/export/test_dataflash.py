@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -69,7 +70,7 @@ def column(messages: list[Any], name: str) -> np.ndarray[Any, Any]:
 
 def test_each_drone_has_a_log_with_all_messages(logged: tuple[Path, Path], read: dict[str, list[Any]]) -> None:
     assert sorted(one.name for one in logged[1].iterdir()) == [f"drone{i}.bin" for i in range(1, 6)]
-    assert set(MESSAGES) - set(read) == {"ERR"}  # nothing fails
+    assert set(MESSAGES) - set(read) == {"ERR", "ATUN", "ATDE"}  # nothing fails or is tuned
     assert read["mav_type"] == [2]  # a quadrotor, by the first MSG
     definitions = {one.Name: one for one in read["FMT"]}
     assert set(definitions) == set(MESSAGES)
@@ -186,6 +187,37 @@ def test_events_of_a_tune_are_those_of_its_texts(
         reader.close()
     assert [event for _, event in events[2]] == [10, 28]
     assert (9_000_000, 30) in events[3] and len(events[3]) == 3
+
+
+def test_twitches_of_a_tune(logged: tuple[Path, Path], tmp_path: Path) -> None:
+    """Written into a copy of the recording: two twitches, of a rate of roll and of the angle of yaw."""
+    run = tmp_path / "run"
+    shutil.copytree(logged[0], run)
+    table = pq.read_table(run / "signals.parquet")
+    names, rows = table.column_names, len(table)
+    tuned, tuning = np.zeros((rows, 10)), np.zeros((rows, 3))
+    tuned[100:150] = 1, 0, 2, 1.0, 0.5, 0.9, 0.11, 0.003, 4.5, 20.0
+    tuned[150:] = 2, 3, 4, 0.2, 0.1, 0.21, 0.5, 0.01, 6.0, 2.0
+    tuning[90:100] = 1, 0.1, 0.2
+    for name, values in (("tuned", tuned), ("tuning", tuning)):
+        for i in range(values.shape[1]):
+            at = names.index(f"drone3.autopilot.{name}[{i + 1}]")
+            table = table.set_column(at, table.schema.field(at), [values[:, i]])
+    pq.write_table(table, run / "signals.parquet")
+    export_run(run, DATAFLASH, tmp_path / "logs", Options())
+    reader = DFReader_binary(str(tmp_path / "logs" / "drone3.bin"))
+    found = defaultdict(list)
+    while (message := reader.recv_match(type=["ATUN", "ATDE"])) is not None:
+        found[message.get_type()].append(message)
+    reader.close()
+    first, second = found["ATUN"]
+    assert (first.Axis, first.TuneStep, second.Axis, second.TuneStep) == (0, 2, 3, 5)  # ArduCopter's ANGLE_P_UP is 5
+    degrees = 180.0 / np.pi
+    assert (first.Targ, first.Min, first.Max) == pytest.approx((degrees, 0.5 * degrees, 0.9 * degrees), rel=1e-6)
+    assert pytest.approx((0.11, 0.003, 4.5)) == (first.RP, first.RD, first.SP)
+    assert second.ddt == pytest.approx(200.0 * degrees)
+    assert len(found["ATDE"]) == 10
+    assert (found["ATDE"][0].Angle, found["ATDE"][0].Rate) == pytest.approx((0.1 * degrees, 0.2 * degrees), rel=1e-6)
 
 
 def test_failures_become_errors() -> None:

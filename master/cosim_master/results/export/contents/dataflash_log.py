@@ -98,6 +98,10 @@ _DEFINED = (
         "F-000000-----00",
     ),
     Message(
+        "ATUN", "QBBfffffff", "TimeUS,Axis,TuneStep,Targ,Min,Max,RP,RD,SP,ddt", "s--ddd---o", "F--000---0",
+    ),
+    Message("ATDE", "Qff", "TimeUS,Angle,Rate", "sdk", "F00"),
+    Message(
         "XKF1", "QBccCfffffffccce", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,dPD,PN,PE,PD,GX,GY,GZ,OH",
         "s#ddhnnnnmmmkkkm", "F-BBB0000000BBBB",
     ),

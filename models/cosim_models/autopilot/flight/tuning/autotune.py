@@ -51,6 +51,7 @@ from cosim_models.autopilot.flight.tuning.twitch import (
     LEVELLING,
     TWITCHING,
     begin_twitch,
+    note_twitch,
     run_twitch,
 )
 from cosim_models.autopilot.link.statustext import (
@@ -282,6 +283,7 @@ def _return_to_place(m: Any, t: float) -> None:
 def _level(m: Any, t: float) -> None:
     """Begins to level for the next twitch."""
     m.tune_step = LEVELLING
+    m.tuning[0] = 0.0
     m.tune_since = t
     m.tune_levelling_since = t
 
@@ -322,6 +324,7 @@ def _tune(m: Any, t: float, dt: float) -> None:
         run_twitch(m, t, dt)
     else:
         if m.tune_step != ABORTING:
+            note_twitch(m)
             change_gains(m)
             if m.tune_successes >= SUCCESSES:
                 _go_on(m)

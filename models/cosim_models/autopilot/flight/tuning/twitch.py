@@ -17,7 +17,7 @@ from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.attitude import demand_rates, hold_target, step_target
 from cosim_models.autopilot.control.shaping import clip, lowpass_alpha, wrap_pi
-from cosim_models.autopilot.flight.tuning.gains import YAW, YAW_D, row_of
+from cosim_models.autopilot.flight.tuning.gains import ANGLE, ERROR_FILTER, YAW, YAW_D, D, P, row_of
 from cosim_models.autopilot.flight.tuning.rules import (
     ANGLE_DOWN,
     FAILED,
@@ -29,7 +29,7 @@ from cosim_models.autopilot.flight.tuning.rules import (
 )
 from cosim_models.autopilot.link.statustext import CRITICAL, NO_NUMBER, TUNE_SIZE_FAILED, say
 
-__all__ = ["ABORTING", "JUDGING", "LEVELLING", "TWITCHING", "begin_twitch", "run_twitch"]
+__all__ = ["ABORTING", "JUDGING", "LEVELLING", "TWITCHING", "begin_twitch", "note_twitch", "run_twitch"]
 
 LEVELLING, TWITCHING, JUDGING, ABORTING = range(4)
 """Steps of a tune: levelling, the twitch, the change of the gains, and what remains without one."""
@@ -209,6 +209,7 @@ def run_twitch(m: Any, t: float, dt: float) -> None:
     if m.tune_axis != YAW:
         cutoff = 2.0 * (m.ATC_RAT_RLL_FLTD if row == 0 else m.ATC_RAT_PIT_FLTD if row == 1 else m.ATC_RAT_YAW_FLTD)
     m.tune_rate += lowpass_alpha(dt, cutoff) * (rate - m.tune_rate)
+    m.tuning[0], m.tuning[1], m.tuning[2] = 1.0, angle, m.tune_rate
     if _by_angle(m):
         _measure_angle(m, angle, sign, t)
         upright = 1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2])
@@ -220,3 +221,16 @@ def run_twitch(m: Any, t: float, dt: float) -> None:
         m.tune_step = ABORTING
     if _turns(m):
         m.tune_lean[2] = angles[2]
+
+
+@kernel
+def note_twitch(m: Any) -> None:
+    """Notes what a log tells of a twitch, with the gains by which it was flown: the number of twitches first."""
+    of, found = m.tuned, m.tune_found[row_of(m.tune_axis)]
+    measured = m.tune_angles if _by_angle(m) else m.tune_rates
+    of[0] += 1.0
+    of[1], of[2] = float(m.tune_axis), float(m.tune_kind)
+    of[3] = m.tune_target[TARGET_ANGLE if _by_angle(m) else TARGET_RATE]
+    of[4], of[5] = measured[TROUGH], measured[PEAK]
+    of[6], of[7], of[8] = found[P], found[ERROR_FILTER if m.tune_axis == YAW else D], found[ANGLE]
+    of[9] = m.tune_accel
