@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,20 @@ class Pair:
         self.step += 1
         sent = bytes(self.m["mavlink_tx"][: int(self.m["mavlink_tx_len"])])
         self.heard += self._decode(sent)
+
+    def go_on_from(self, other: Pair) -> None:
+        """Takes the state of another pair of the same models."""
+        for record, former in ((self.v, other.v), (self.m, other.m)):
+            for name in record.dtype.names:
+                record[name] = former[name]
+        self.step = other.step
+
+    def hold(self, duration: float, channels: Sequence[int], every: float) -> None:
+        """Overrides the first channels [us] again and again, `every` s; those with 0 are left alone."""
+        end = self.time + duration
+        while self.time < end - 1e-9:
+            self.send(mavlink.MAVLink_rc_channels_override_message(1, 1, *channels, *[0] * (8 - len(channels))))
+            self.until(min(self.time + every, end))
 
     def until(self, time: float) -> None:
         while self.time < time - 1e-9:

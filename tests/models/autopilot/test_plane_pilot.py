@@ -29,10 +29,7 @@ def _high() -> Pair:
 def high(mode: int) -> Pair:
     """A plane that circles at 100 m, in a mode."""
     before, p = _high(), made("plane")
-    for record, former in ((p.v, before.v), (p.m, before.m)):
-        for name in record.dtype.names:
-            record[name] = former[name]
-    p.step = before.step
+    p.go_on_from(before)
     assert p.ask(SET_MODE, 1, mode) == ACCEPTED
     return p
 
@@ -41,10 +38,7 @@ def sticks(
     p: Pair, duration: float, roll: int = 1500, pitch: int = 1500, throttle: int = 1400, yaw: int = 1500
 ) -> None:
     """Overrides the four channels, four times a second."""
-    end = p.time + duration
-    while p.time < end - 1e-9:
-        p.send(mavlink.MAVLink_rc_channels_override_message(1, 1, roll, pitch, throttle, yaw, 0, 0, 0, 0))
-        p.until(min(p.time + 0.25, end))
+    p.hold(duration, (roll, pitch, throttle, yaw), 0.25)
 
 
 def angles(p: Pair) -> tuple[float, float, float]:

@@ -27,10 +27,7 @@ def _hovering() -> Pair:
 def aloft(mode: int) -> Pair:
     """A quadplane that hovered at 10 m, in a mode."""
     before, p = _hovering(), Pair(Quadplane, QuadplaneAutopilot)
-    for record, former in ((p.v, before.v), (p.m, before.m)):
-        for name in record.dtype.names:
-            record[name] = former[name]
-    p.step = before.step
+    p.go_on_from(before)
     assert p.ask(SET_MODE, 1, mode) == ACCEPTED
     return p
 
@@ -39,10 +36,7 @@ def sticks(
     p: Pair, duration: float, roll: int = 1500, pitch: int = 1500, throttle: int = 1500, yaw: int = 1500
 ) -> None:
     """Overrides the four channels, twice a second."""
-    end = p.time + duration
-    while p.time < end - 1e-9:
-        p.send(mavlink.MAVLink_rc_channels_override_message(1, 1, roll, pitch, throttle, yaw, 0, 0, 0, 0))
-        p.until(min(p.time + 0.5, end))
+    p.hold(duration, (roll, pitch, throttle, yaw), 0.5)
 
 
 def share(pulse: int) -> float:
