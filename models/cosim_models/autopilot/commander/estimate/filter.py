@@ -46,7 +46,7 @@ _GYRO_BIAS, _ACCELEROMETER_BIAS = 1e-3, 0.02  # EK3_GBIAS_P_NSE, EK3_ABIAS_P_NSE
 _BAD_ACCELEROMETER = 5.0  # m/s2
 _SPEED, _CLIMB, _PLACE = 0.3**2, 0.5**2, 0.5**2  # variances of GPS: EK3_VELNE_M_NSE, EK3_VELD_M_NSE, EK3_POSNE_M_NSE
 _HEIGHT, _GROUND_EFFECT = 2.0**2, 4.0  # of the barometer (EK3_ALT_M_NSE); factor while it is about to touch down
-_AGE = 0.015  # s, of fixes of GPS beyond that by which the filter works in the past
+_AGE = 0.015  # s, of fixes of GPS beyond that by which the filter works in the past; fitted to recorded flights
 _MANOEUVRE = 0.05  # standard deviation of the velocity for the acceleration of the estimate, s
 _DIP = (0.05 / 0.528) ** 2  # rad2: EK3_MAG_M_NSE over the field that points up at the simulator, Gauss
 _COMPASS_GATE = 9.0  # squared, in standard deviations: EK3_MAG_I_GATE
@@ -306,7 +306,8 @@ def _reset_height(m: Any, lane: int, variance: float, t: float) -> None:
 def _height_variance(m: Any) -> float:
     """Returns the variance of the barometer [m2], greater while it might touch down: it descends slowly, or hovers.
 
-    In hover, ArduCopter's desired climb rate keeps up to 1e-3 m/s that 32-bit numbers cannot remove, mostly downwards.
+    In hover, ArduCopter's desired climb rate keeps up to 1e-3 m/s that 32-bit numbers cannot remove, mostly downwards:
+    seen in recorded flights, and not derived.
     """
     vn, ve, up = m.target_velocity_neu[0], m.target_velocity_neu[1], m.desired_velocity_neu[2]
     near = -_SLOW_DESCENT <= up < _NONE and vn * vn + ve * ve <= _SLOW * _SLOW
