@@ -114,7 +114,7 @@ def test_missions_fly_to_heights_above_the_terrain() -> None:
                     break
             assert copter.v["position"][0] == pytest.approx(north, abs=0.5)
             there = height(heights, north, east) - height(heights, 0.0, 0.0)
-            assert -copter.v["position"][2] == pytest.approx(z + there, abs=1.0)
+            assert -copter.v["position"][2] == pytest.approx(z + there, abs=0.1)
 
 
 def test_the_jammed_area_is_declared() -> None:
