@@ -99,7 +99,7 @@ class Variable:
 
     @property
     def settled(self) -> bool:
-        """True if its value does not change after initialization (FMI 2.0.5 and 3.0.2, 2.2.7, variability)."""
+        """True if its value does not change after initialization (variability: FMI 2.0.5, 2.2.7; FMI 3.0.2, 2.4.7)."""
         return self.variability in ("constant", "fixed")
 
     def parsed(self, text: str) -> Start:
