@@ -21,7 +21,8 @@ from pathlib import Path
 from cosim_models.ardupilot.program import Program
 folder = Path(sys.argv[1])
 print(Program(["/bin/sh", "-c", "sleep 600 & echo $!; wait"], folder, folder / "log").pid, flush=True)
-time.sleep(600)
+while True:
+    time.sleep(0.05)  # one that begins just after SIGINT has come is slept to its end
 """
 
 
