@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import zipfile
@@ -33,6 +34,10 @@ settings.load_profile("project")
 """The same examples in every run (`--hypothesis-profile=search` takes others each time), and none fails for the time
 it takes: kernels are compiled when they are first called, and machines are busy."""
 
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+"""Tests interrupt processes, which inherit this: a shell without job control starts `make test &` with SIGINT ignored."""
 
 gc.set_threshold(50_000, 20, 50)
 """Collecting thousands of tests makes a million objects that stay: with Python's own limits, looking through them again
