@@ -37,7 +37,7 @@ it takes: kernels are compiled when they are first called, and machines are busy
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-"""Tests interrupt processes, which inherit this: a shell without job control starts `make test &` with SIGINT ignored."""
+"""Tests interrupt processes, which inherit this: shells without job control start `make test &` with SIGINT ignored."""
 
 gc.set_threshold(50_000, 20, 50)
 """Collecting thousands of tests makes a million objects that stay: with Python's own limits, looking through them again

@@ -326,6 +326,28 @@ def test_a_connection_that_is_lost(
     assert (manifest["outcome"], manifest["error"]) == ("failed", text)
 
 
+def test_signals_do_not_prolong_the_silence(run: Run, relay: Relay, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A timer of the user's program interrupts the wait for an answer again and again."""
+    came = []
+    before = signal.signal(signal.SIGALRM, lambda *_: came.append(1))
+
+    def act(turns: int) -> bool:
+        if turns > 20:
+            signal.setitimer(signal.ITIMER_REAL, 0.1, 0.1)
+        return turns <= 20
+
+    relay.act = act
+    monkeypatch.setattr(remote, "SILENCE", 2.0)
+    try:
+        result = run("none none 0")
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert result.outcome == "failed"
+    assert re.search(r"nothing was heard of \S+ for 2 s", str(result.error)), result.error
+    assert came
+
+
 def test_restarts(run: Run, relay: Relay, tmp_path: Path) -> None:
     """A process that dies there is replaced by a new one there, and the recording is the same."""
     assert run("none none 0", out="here").outcome == "done"

@@ -24,6 +24,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/socket.h>
+#include <sys/time.h>
 #include <sys/uio.h>
 #include <time.h>
 #include <unistd.h>
@@ -113,13 +114,26 @@ static bool has_message(int socket, int milliseconds) {
 
 static void hang_up(int socket) { shutdown(socket, SHUT_RDWR); }
 
+/* False if the time limit of `option` (SO_RCVTIMEO, SO_SNDTIMEO) has passed since `begin`: a call that a signal has
+   interrupted begins its limit anew, and timers or profilers may send signals more often than it lasts. */
+static bool may_try_again(int socket, int option, int64_t begin) {
+    struct timeval limit = {0, 0};
+    socklen_t size = sizeof limit;
+    getsockopt(socket, SOL_SOCKET, option, &limit, &size);
+    int64_t ns = (int64_t)limit.tv_sec * 1000000000 + (int64_t)limit.tv_usec * 1000;
+    if (ns == 0 || now() - begin < ns) return true;
+    errno = EAGAIN;
+    return false;
+}
+
 static bool transmit(int socket, struct iovec *parts, size_t n) {
-    while (n > 0) {
+    for (int64_t begin = now(); n > 0;) {
         struct msghdr message = {.msg_iov = parts};
         message.msg_iovlen = n; /* whose type depends on the system */
         ssize_t sent = sendmsg(socket, &message, MSG_NOSIGNAL);
-        if (sent < 0 && errno == EINTR) continue;
+        if (sent < 0 && errno == EINTR && may_try_again(socket, SO_SNDTIMEO, begin)) continue;
         if (sent < 0) return false;
+        begin = now();
         for (; n > 0 && (size_t)sent >= parts->iov_len; parts++, n--) sent -= (ssize_t)parts->iov_len;
         if (n > 0) parts->iov_base = (char *)parts->iov_base + sent, parts->iov_len -= (size_t)sent;
     }
@@ -128,11 +142,13 @@ static bool transmit(int socket, struct iovec *parts, size_t n) {
 
 /* Receives all of `bytes`; false, with errno or 0 if the other side has closed the connection. */
 static bool receive(int socket, void *data, size_t bytes) {
+    int64_t begin = now();
     for (char *at = data; bytes > 0;) {
         ssize_t n = recv(socket, at, bytes, MSG_WAITALL);
-        if (n < 0 && errno == EINTR) continue;
+        if (n < 0 && errno == EINTR && may_try_again(socket, SO_RCVTIMEO, begin)) continue;
         if (n <= 0) return errno = n == 0 ? 0 : errno, false;
         at += n, bytes -= (size_t)n;
+        if (bytes > 0) begin = now();
     }
     return true;
 }
