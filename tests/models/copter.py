@@ -17,7 +17,7 @@ from cosim_models.autopilot.autopilot import Autopilot
 from cosim_models.vehicles import quadrotor
 from cosim_models.vehicles.dynamics.rotor import MotorCurve
 from cosim_models.vehicles.quadrotor import Quadrotor
-from tests.models.shipped_kernels import kernels
+from tests.models.shipped_kernels import joined, kernels, part
 
 H = 0.0025
 STABILIZE, GUIDED, LOITER, RTL, LAND = (
@@ -114,8 +114,12 @@ class Copter:
         self.start_vehicle, self.advance_vehicle = kernels(self.vehicle_model)
         start, self.advance_autopilot = kernels(Autopilot)
         assert self.start_vehicle(self.v) == 0
-        self._pairs = [(self.m[name], self.v[name]) for name in MOTION]
+        self._pairs: list[tuple[NDArray[Any], NDArray[Any]]] = [*joined(self.m, self.v, MOTION)]
         self._commands, self._motor = self.v["motor"], self.m["motor"]
+        self._before = self._motor.copy()
+        lines = ("mavlink", *LINES)
+        self._given, self._got = ([part(self.m, f"{line}_{way}_len") for line in lines] for way in ("rx", "tx"))
+        self._got_at = [*zip(LINES, self._got[1:], strict=True)]
         self._connect()
         self.m["airframe"] = self.v["airframe"]
         assert start(self.m) == 0
@@ -164,7 +168,7 @@ class Copter:
     def tick(self) -> None:
         """One step of both, as the master steps them: each sees what the other gave at the begin of the step."""
         m, t = self.m, self.step * H
-        command = self._motor.copy()
+        self._before[:] = self._motor
         self._connect()
         if self.waiting:
             data, self.waiting = self.waiting, b""
@@ -176,17 +180,17 @@ class Copter:
                 m[f"{line}_rx_len"] = len(data)
                 self.waiting_at[line] = b""
         assert self.advance_autopilot(m, t, H) == 0
-        m["mavlink_rx_len"] = m["telemetry_rx_len"] = m["serial_rx_len"] = 0
-        self._commands[:] = m["motor"] if self.direct else command
+        for size in self._given:
+            size[0] = 0
+        self._commands[:] = self._motor if self.direct else self._before
         assert self.advance_vehicle(self.v, t, H) == 0
-        used = int(m["mavlink_tx_len"])
-        if used:
+        if used := self._got[0][0]:
             data = m["mavlink_tx"][:used].tobytes()
             self.sent += data
             self.heard += [(t, message) for message in self._decoder(data)]
-        for line, decoder in self._decoders.items():
-            if used := int(m[f"{line}_tx_len"]):
-                self.heard_at[line] += decoder(m[f"{line}_tx"][:used].tobytes())
+        for line, size in self._got_at:
+            if used := size[0]:
+                self.heard_at[line] += self._decoders[line](m[f"{line}_tx"][:used].tobytes())
         self.step += 1
 
     def run(self, duration: float) -> NDArray[np.float64]:

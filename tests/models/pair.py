@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim import Model
 from tests.models.copter import Decoder, set_values
-from tests.models.shipped_kernels import kernels
+from tests.models.shipped_kernels import joined, kernels, part
 
 MOTION = ("position", "velocity", "attitude", "angular_velocity", "specific_force")
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
@@ -50,6 +50,10 @@ class Pair:
         start, self._move = kernels(vehicle)
         assert start(self.v) == 0
         begin, self._steer = kernels(autopilot)
+        self._pairs = joined(self.m, self.v, MOTION)
+        self._motors, self._commands = part(self.m, "motor"), part(self.v, "motor")
+        self._before = self._motors.copy()
+        self._given, self._got = part(self.m, "mavlink_rx_len"), part(self.m, "mavlink_tx_len")
         self._connect()
         self.m["airframe"] = self.v["airframe"]
         assert begin(self.m) == 0
@@ -60,8 +64,8 @@ class Pair:
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
 
     def _connect(self) -> None:
-        for name in MOTION:
-            self.m[name][:] = self.v[name]
+        for to, of in self._pairs:
+            to[:] = of
 
     @property
     def time(self) -> float:
@@ -73,17 +77,19 @@ class Pair:
 
     def one_step(self) -> None:
         self._connect()
-        self.m["mavlink_rx"][: len(self.waiting)] = np.frombuffer(self.waiting, dtype=np.uint8)
-        self.m["mavlink_rx_len"] = len(self.waiting)
-        self.waiting = b""
-        motor = self.m["motor"].copy()
-        assert self._steer(self.m, self.time, self.h) == 0
-        self.v["motor"][:] = motor
+        self._given[0] = len(self.waiting)
+        if self.waiting:
+            self.m["mavlink_rx"][: len(self.waiting)] = np.frombuffer(self.waiting, dtype=np.uint8)
+            self.waiting = b""
+        self._before[:] = self._motors
+        time = self.time
+        assert self._steer(self.m, time, self.h) == 0
+        self._commands[:] = self._before
         for k in range(round(self.h / self.inner)):
-            assert self._move(self.v, self.time + k * self.inner, self.inner) == 0
+            assert self._move(self.v, time + k * self.inner, self.inner) == 0
         self.step += 1
-        sent = bytes(self.m["mavlink_tx"][: int(self.m["mavlink_tx_len"])])
-        self.heard += self._decode(sent)
+        if used := self._got[0]:
+            self.heard += self._decode(self.m["mavlink_tx"][:used].tobytes())
 
     def go_on_from(self, other: Pair) -> None:
         """Takes the state of another pair of the same models."""
