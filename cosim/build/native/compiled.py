@@ -272,6 +272,7 @@ def _for_target(ir: str, target: Target, machine: Any) -> str:
 def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
     """Compiles fmi2.c or fmi3.c with model.h and links it with `code` to a library that needs only libc and libm."""
     source = Path(__file__).with_name(f"fmi{fmi}.c")
+    libraries = ["-lm"]
     flags = ["-std=gnu11", "-O2", "-g0", "-fvisibility=hidden", "-shared", f"-I{library.parent}"]
     if os.environ.get("CC") and target == HOST:
         try:
@@ -281,13 +282,16 @@ def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
             raise RuntimeError(f"{model}: {text}") from None
     else:
         compiler = [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[target].zig]
-        if not target.startswith("windows"):
-            flags.append("-rtlib=none")  # zig's runtime library: no kernel calls it, and it takes seconds to compile
-    # zig compiles the C library of Windows once for files with symbols and once for those without, as the master's are.
+        flags.append("-rtlib=none")  # zig's runtime library: no kernel calls it, and it takes seconds to compile
+        if target.startswith("windows"):
+            headers = Path(str(import_module("ziglang").__file__)).parent / "lib" / "libc" / "include"
+            flags += ["-nostdlib", "-DWITHOUT_STARTUP", "-Wl,-e,entry_of_library"]
+            flags += ["-isystem", str(headers / "any-windows-any")]
+            libraries = [f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("math", "stdio", "heap", "string")]
     flags.append("-s" if target.startswith("windows") else "-fPIC")
     if target.startswith("linux"):
         flags += ["-Wl,--no-undefined", "-Wl,-s", "-Wl,-Bsymbolic"]
-    command = [*compiler, *flags, str(source), str(code), "-lm", "-o", str(library)]
+    command = [*compiler, *flags, str(source), str(code), *libraries, "-o", str(library)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:

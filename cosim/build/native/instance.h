@@ -21,6 +21,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#ifdef WITHOUT_STARTUP
+#include "windows.h"
+#endif
+
 #define NAME_(function) #function
 #define NAME(function) NAME_(function)
 
@@ -175,11 +179,19 @@ void model_index_failed(int64_t index, int64_t length) {
 enum { failed_index, failed_length = 0 };
 #endif
 
+static void index_text(char *text, size_t room, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(text, room, format, arguments);
+    va_end(arguments);
+}
+
 static Status kernel_status(Instance *s, const char *what, int raised, const char *const *exception, int code) {
     if (raised) {
         char text[1024] = "the kernel raised an exception";
         long long index = failed_index, length = failed_length;
-        if (raised > 0 && exception && *exception) snprintf(text, sizeof text, *exception, index, length, -length, length - 1);
+        if (raised > 0 && exception && *exception)
+            index_text(text, sizeof text, *exception, index, length, -length, length - 1);
         return fail(s, "%s: %s", what, text);
     }
     if (!code) return OK;
