@@ -317,7 +317,27 @@ def _header(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) 
         )
         if v.kind == "Packets":
             text += 4 * ((v.capacity + 2) // 3) + 1
-    return _model_h(model, guid, dtype, head, rows, [f"#define TEXT_SIZE {text}"])
+    together = ",".join(map(str, _together(model, dtype)))
+    more = [f"#define TEXT_SIZE {text}", f"static const unsigned short TOGETHER[] = {{{together}}};"]
+    return _model_h(model, guid, dtype, head, rows, more)
+
+
+def _together(model: type[Model], dtype: np.dtype[np.void]) -> list[int]:
+    """Returns, for each scalar variable, how many Reals from it on have the same role and limits and lie in a row."""
+    assert dtype.fields is not None
+    numbers: list[int] = []
+    following: tuple[object, ...] | None = None
+    for one in reversed(flat_variables(model.variables)):
+        v = one.variable
+        at = dtype.fields[v.name][1] + 8 * (one.index or 0)
+        own = (_role(v), v.limits(), at) if v.kind == "Real" else None
+        more = own is not None and following == (*own[:2], at + 8) and numbers[-1] < _MOST_TOGETHER
+        numbers.append(0 if own is None else 1 + (numbers[-1] if more else 0))
+        following = own
+    return numbers[::-1]
+
+
+_MOST_TOGETHER = np.iinfo(np.uint16).max
 
 
 def _header3(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) -> str:

@@ -115,11 +115,20 @@ static fmi2Status unknown(Instance *s, const char *function, fmi2ValueReference 
 #define SETTABLE_VARIABLE(function, wanted)                                                                            \
     VARIABLE(function, wanted);                                                                                        \
     if (!settable(s, v)) return refuse(s, function, v)
+/* Returns how many of `n` Reals from `vr[0]` on are neighbours in the record as well, of one role and without limits: 1 or
+   more. Masters get and set whole arrays in each step, which are then checked and copied at once. */
+static size_t together(const fmi2ValueReference vr[], size_t n) {
+    size_t most = TOGETHER[vr[0]] < n ? TOGETHER[vr[0]] : n, number = 1;
+    while (number < most && vr[number] == vr[0] + (fmi2ValueReference)number) number++;
+    return number;
+}
+
 EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
     GET_PROLOGUE("fmi2GetReal");
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0, number; i < n; i += number) {
         VARIABLE("fmi2GetReal", REAL);
-        memcpy(value + i, s->record + v->offset, sizeof *value);
+        number = together(vr + i, n - i);
+        memcpy(value + i, s->record + v->offset, number * sizeof *value);
     }
     return fmi2OK;
 }
@@ -142,14 +151,26 @@ EXPORT fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[],
     return fmi2OK;
 }
 
+/* Returns whether each of `n` values is within the limits of `v`; a NaN is not. */
+static int are_within(const fmi2Real value[], size_t n, const Variable *v) {
+    double min = v->min, max = v->max;
+    int64_t outside = 0; /* as wide as a Real, so that the loop tests several at a time */
+    for (size_t i = 0; i < n; i++) outside |= !(value[i] >= min) | !(value[i] <= max);
+    return !outside;
+}
+
 EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
     SET_PROLOGUE("fmi2SetReal");
-    for (size_t i = 0; i < n; i++) {
+    size_t number = 0;
+    for (size_t i = 0; i < n; i += number) {
         SETTABLE_VARIABLE("fmi2SetReal", REAL);
-        if (!(value[i] >= v->min && value[i] <= v->max))
-            return fail(s, "fmi2SetReal: %s = %g is not within %g to %g", v->name, value[i], v->min, v->max);
+        number = together(vr + i, n - i);
+        if (are_within(value + i, number, v)) continue;
+        while (are_within(value + i, 1, v)) i++;
+        return fail(s, "fmi2SetReal: %s = %g is not within %g to %g", VARIABLES[vr[i]].name, value[i], v->min, v->max);
     }
-    for (size_t i = 0; i < n; i++) memcpy(s->record + VARIABLES[vr[i]].offset, value + i, sizeof *value);
+    if (n && number == n) memcpy(s->record + VARIABLES[vr[0]].offset, value, n * sizeof *value);
+    else for (size_t i = 0; i < n; i++) memcpy(s->record + VARIABLES[vr[i]].offset, value + i, sizeof *value);
     CHANGED;
     return fmi2OK;
 }

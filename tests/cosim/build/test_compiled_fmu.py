@@ -205,6 +205,57 @@ def callees(kernels: Iterable[Any]) -> set[Any]:
     return found
 
 
+# -- values ---------------------------------------------------------------------------------------------------------
+
+
+def _some_values(chosen: np.random.Generator) -> tuple[list[int], list[float]]:
+    """Returns value references of a PointMass's Reals, in runs as masters set them, each with a value."""
+    runs = [(first, min(first + chosen.integers(1, 24), 37)) for first in chosen.integers(37, size=chosen.integers(4))]
+    references = [reference for run in runs for reference in range(*run)]
+    values = chosen.uniform(0.01, 2.0, len(references))
+    odd = chosen.random(len(references)) < chosen.choice([0.0, 0.02, 0.5])
+    values[odd] = chosen.choice([np.nan, np.inf, -np.inf, -0.0, 1e-3, 9e-4], np.count_nonzero(odd))
+    return references, values.tolist()
+
+
+def test_values_that_are_set_together_are_set_as_one_by_one(fmus: Path, tmp_path: Path) -> None:
+    make = Factory(fmus / "PointMass.fmu", tmp_path)
+    together, single, flying = make(initialise=False), make(initialise=False), make()
+    advance(MODELS["PointMass"], flying, 0, 9)
+    size = record_layout(MODELS["PointMass"].variables)[0].itemsize
+    failures: list[str] = []
+
+    def record(fmu: FMU2Slave) -> bytes:
+        return serialized(fmu)[-size - 8 : -8]  # a checksum follows
+
+    def failure_of(fmu: FMU2Slave, calls: Iterable[tuple[list[int], list[float]]]) -> str | None:
+        """Makes the calls; returns the text of the first one that fails."""
+        make.log.clear()
+        try:
+            for references, values in calls:
+                fmu.setReal(references, values)
+        except FMICallException:
+            return make.log[-1]
+        return None
+
+    chosen = np.random.default_rng(1)
+    for _ in range(1000):
+        references, values = _some_values(chosen)
+        for fmu in (together, single):
+            fmu.reset()
+            fmu.setupExperiment(startTime=0.0)
+            fmu.enterInitializationMode()
+        before = record(together)
+        failure = failure_of(together, [(references, values)])
+        assert failure == failure_of(single, [([r], [v]) for r, v in zip(references, values, strict=True)])
+        assert record(together) == (record(single) if failure is None else before)
+        failures += [] if failure is None else [failure]
+        found = flying.getReal(references), [flying.getReal([reference])[0] for reference in references]
+        assert np.array(found[0]).tobytes() == np.array(found[1]).tobytes()
+    assert 100 < len(failures) < 900
+    assert {text.split(":")[1].split()[1] for text in failures} >= {"=", "is"}  # a value, and a role
+
+
 # -- instances, threads, states -------------------------------------------------------------------------------------
 
 
