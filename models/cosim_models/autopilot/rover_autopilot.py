@@ -9,9 +9,9 @@ refused as ArduRover refuses them (UNSUPPORTED).
 Speed and steering are in `surface.driving`, the modes of a pilot in `surface.piloted`, fail-safes in
 `surface.failsafes`.
 
-Differences from ArduRover: no S-curves along the path, no pivot turns, no fences, no fail-safes of battery and
-estimate. CRUISE_SPEED and CRUISE_THROTTLE are those of the simulated vehicles, whose speed at a quarter of the throttle
-is 5 m/s. As in ArduRover, a target nearer than WP_RADIUS (2 m) is not driven to, so small steps of a law are lost.
+Differences from ArduRover: no S-curves along the path, no pivot turns, no fences, no estimator. CRUISE_SPEED and
+CRUISE_THROTTLE are those of the simulated vehicles, whose speed at a quarter of the throttle is 5 m/s. As in ArduRover,
+a target nearer than WP_RADIUS (2 m) is not driven to, so small steps of a law are lost.
 
 Sources: ArduPilot, Rover/mode*.cpp, Rover/GCS_MAVLink_Rover.cpp.
 """
@@ -26,6 +26,7 @@ from cosim import Memory, Model
 from cosim.kernel import kernel
 from cosim.messages import (
     HEARTBEAT,
+    MAV_CMD_BATTERY_RESET,
     MAV_CMD_DO_CHANGE_SPEED,
     MAV_CMD_DO_SET_MISSION_CURRENT,
     MAV_CMD_MISSION_START,
@@ -68,6 +69,7 @@ from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, home_here, local_target
 from cosim_models.autopilot.gcs.words import DESTINATION, MISSION_DONE, NO_DOCK, NO_MISSION, REACHED, say
+from cosim_models.autopilot.surface.battery import battery_permits_arming, drain, reset_battery
 from cosim_models.autopilot.surface.circling import CIRCLE_MEMORY, CIRCLE_PARAMETERS, begin_circle, circle
 from cosim_models.autopilot.surface.driving import DRIVE_MEMORY, DRIVE_PARAMETERS, STANDING, cruise, drive, stop
 from cosim_models.autopilot.surface.failsafes import (
@@ -120,6 +122,7 @@ _MANUAL, _ACRO, _STEERING, _HOLD, _LOITER, _SIMPLE, _CIRCLE, _AUTO, _RTL, _SMART
 _KNOWN = tuple(map(int, RoverMode))
 _DOCK = 8
 _PILOTED = (_ACRO, _STEERING, _SIMPLE)
+_FREE = (_MANUAL, _ACRO, _STEERING, _HOLD)  # need no position
 _MODES = (0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16)  # of ArduRover
 _TIMEOUT = 3.0  # s after which a velocity is no longer followed
 _FLOWN = (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_DO_CHANGE_SPEED)
@@ -162,7 +165,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
         return MAV_RESULT_FAILED
     if mode == m.mode:
         return MAV_RESULT_ACCEPTED
-    if mode not in (_MANUAL, _HOLD) and not ready(m, t):
+    if mode not in (_MANUAL, _HOLD) and (not ready(m, t) or (m.armed and (m.position_lost or m.ekf_failed))):
         return MAV_RESULT_FAILED
     if mode == _SMART_RTL and not go_back(m):
         return MAV_RESULT_FAILED
@@ -203,6 +206,10 @@ _enter = told(_change_mode, _MODES)
 def _arm(m: Any, forced: bool, t: float) -> int:
     if m.mode in (_RTL, _SMART_RTL) or not (ready(m, t) or forced):
         return MAV_RESULT_FAILED
+    if not forced and not battery_permits_arming(m):
+        return MAV_RESULT_FAILED
+    if not forced and m.position_lost and m.mode not in _FREE:
+        return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t
     home_here(m)
@@ -216,6 +223,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
         return _enter(m, _AUTO, t) if p1 == 0.0 and p2 == 0.0 else MAV_RESULT_DENIED
     if command == MAV_CMD_DO_SET_MISSION_CURRENT:
         return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
+    if command == MAV_CMD_BATTERY_RESET:
+        return MAV_RESULT_ACCEPTED if reset_battery(m, p1, p2, t) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_CHANGE_SPEED:
         if p1 not in (0.0, 1.0):  # speeds of climb and descent
             return MAV_RESULT_DENIED
@@ -369,6 +378,8 @@ def start(m: Any) -> int:
     m.item_since = -1.0
     home_here(m)
     m.motor[0], m.motor[1] = 0.5, 0.5
+    m.gps_lost_at = -1.0
+    drain(m, 0.0)
     start_streams(m)
     hold_here(m)
     m.arrived = True
@@ -376,7 +387,7 @@ def start(m: Any) -> int:
 
 
 _reboot = rebooting(VARIABLES, start)
-_watch_failsafes = failsafes(_HOLD, _RTL, _SMART_RTL, _LOITER, _AUTO, _enter)
+_watch_failsafes = failsafes(_HOLD, _RTL, _SMART_RTL, _LOITER, _AUTO, _FREE, _enter)
 
 
 @kernel

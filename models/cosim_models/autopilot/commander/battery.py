@@ -22,7 +22,8 @@ from cosim_models.autopilot.control.motors import GROUND_IDLE
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.link.statustext import BATTERY_CRITICAL, BATTERY_LOW, WARNING, say_with
 
-__all__ = ["CRITICAL_CHARGE", "LOW_CHARGE", "battery_remaining", "drain", "new_alarm", "reset_battery"]
+__all__ = ["CRITICAL_CHARGE", "LOW_CHARGE", "battery_remaining", "drain", "is_below", "new_alarm"]
+__all__ += ["reset_battery"]
 
 LOW_CHARGE, CRITICAL_CHARGE = 1, 2
 """Battery alarms."""
@@ -76,7 +77,7 @@ def battery_remaining(m: Any) -> int:
 
 
 @kernel
-def _is_below(m: Any, row: int, voltage: float, least: float, t: float) -> bool:
+def is_below(m: Any, row: int, voltage: float, least: float, t: float) -> bool:
     """Returns whether the voltage has been below `least` for BATT_LOW_TIMER."""
     if least <= 0.0 or not 0.0 < voltage < least:
         m.battery_since[row] = -1.0
@@ -94,9 +95,9 @@ def _alarm(m: Any, t: float) -> int:
         voltage += m.battery_resistance * m.battery_current if m.SIM_BATT_CAP_AH > 0.0 else 0.0
     left = m.BATT_CAPACITY - m.battery_used
     alarm = 0
-    if _is_below(m, 0, voltage, m.BATT_LOW_VOLT, t) or (m.BATT_LOW_MAH > 0.0 and left < m.BATT_LOW_MAH):
+    if is_below(m, 0, voltage, m.BATT_LOW_VOLT, t) or (m.BATT_LOW_MAH > 0.0 and left < m.BATT_LOW_MAH):
         alarm = LOW_CHARGE
-    if _is_below(m, 1, voltage, m.BATT_CRT_VOLT, t) or (m.BATT_CRT_MAH > 0.0 and left < m.BATT_CRT_MAH):
+    if is_below(m, 1, voltage, m.BATT_CRT_VOLT, t) or (m.BATT_CRT_MAH > 0.0 and left < m.BATT_CRT_MAH):
         alarm = CRITICAL_CHARGE
     return alarm
 

@@ -239,7 +239,7 @@ def answer(m: Any, command: int, p: tuple[float, float, float, float], t: float)
         say(m, MAV_SEVERITY_INFO, ROVER if _is_surface(m) else PLANE, 0)
         return MAV_RESULT_ACCEPTED
     for i in range(_IDLE.size):
-        if _IDLE[i] == command:
+        if _IDLE[i] == command and not (command == MAV_CMD_BATTERY_RESET and m.battery_voltage > 0.0):
             return MAV_RESULT_ACCEPTED
     if command in (MAV_CMD_PREFLIGHT_CALIBRATION, MAV_CMD_DO_START_MAG_CAL, MAV_CMD_FIXED_MAG_CAL_YAW):
         return _calibrate(m, command, p[0])

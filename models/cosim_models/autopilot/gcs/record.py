@@ -141,6 +141,13 @@ _MEMORY = (
     Memory("test_time", rare=True),  # s, of each motor
     Memory("test_count", dtype="i4", rare=True),
     Memory("test_since", rare=True),  # s
+    Memory("battery_voltage", rare=True),  # V, 0: nothing measures it
+    Memory("battery_current", rare=True),  # A
+    Memory("battery_used", rare=True),  # mAh
+    Memory("battery_left", rare=True),  # %
+    Memory("battery_alarm", dtype="i4", rare=True),
+    Memory("gps_silent", dtype="?", rare=True),
+    Memory("position_lost", dtype="?", rare=True),
     *STICK_MEMORY,
     *REBOOT_MEMORY,
     Memory("wind_estimate", shape=3, rare=True),  # m/s, NED

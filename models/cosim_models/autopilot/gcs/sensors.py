@@ -1,7 +1,7 @@
 """Messages on sensors, supplies and outputs that the small autopilots send on request.
 
-Accelerometer and gyro are the inputs; the second and third sensors measure the same. There is no magnetometer and no
-battery: their fields are zero, or unknown. The pressure is that of the standard atmosphere.
+Accelerometer and gyro are the inputs; the second and third sensors measure the same. There is no magnetometer, and only
+rovers and boats have a battery: other fields are zero, or unknown. The pressure is that of the standard atmosphere.
 
 Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common; ISO 2533 (standard atmosphere).
 """
@@ -205,10 +205,17 @@ def _put_motion(m: Any, message: int, t: float) -> bool:
 
 @kernel
 def _put_battery(m: Any) -> None:
-    """Fills BATTERY_STATUS: there is no battery to measure."""
-    encode_battery_status(m.payload, 0, 0, 0, 32767, -1, -1, -1, -1, 0, 0, 0, 0)
+    """Fills BATTERY_STATUS; most have no battery to measure."""
+    volts = _UNKNOWN
+    if m.battery_voltage > 0.0:
+        volts = int(1e3 * m.battery_voltage + 0.5)
+        amperes, used, left = int(1e2 * m.battery_current + 0.5), int(m.battery_used + 0.5), int(m.battery_left)
+        charge = 1 + m.battery_alarm  # MAV_BATTERY_CHARGE_STATE
+        encode_battery_status(m.payload, 0, 0, 0, 32767, amperes, used, -1, left, 0, charge, 0, 0)
+    else:
+        encode_battery_status(m.payload, 0, 0, 0, 32767, -1, -1, -1, -1, 0, 0, 0, 0)
     for i in range(10):
-        put_battery_status_voltages(m.payload, i, _UNKNOWN)
+        put_battery_status_voltages(m.payload, i, volts if i == 0 else _UNKNOWN)
 
 
 @kernel

@@ -87,6 +87,7 @@ __all__ = ["heading", "put_mission_current", "ready", "send_message", "set_inter
 
 _SLACK = 1e-9  # s
 _SENSORS = 0x20002F  # MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, compass, barometer, GPS, AHRS
+_BATTERY = 0x2000000
 _PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 _EKF_GOOD, _EKF_CONSTANT = 831, 167  # EKF_STATUS_FLAGS, as ArduPilot sets them
 _CAPABILITIES = (
@@ -154,6 +155,20 @@ def _put_servos(m: Any, surface: bool, t: float) -> None:
 
 
 @kernel
+def _put_status(m: Any, t: float) -> None:
+    """Fills m.payload with a SYS_STATUS."""
+    health = _SENSORS + (_PREARM if ready(m, t) else 0)
+    present = _SENSORS + _PREARM
+    volts, amperes, left = 65535, -1, -1
+    if m.battery_voltage > 0.0:
+        volts, amperes = int(1e3 * m.battery_voltage + 0.5), int(1e2 * m.battery_current + 0.5)
+        left = int(m.battery_left)
+        present += _BATTERY
+        health += _BATTERY if m.battery_alarm == 0 else 0
+    encode_sys_status(m.payload, present, present, health, 0, volts, amperes, left, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+@kernel
 def _send_attitude_target(m: Any, t: float) -> bool:
     """Sends the attitude that the lifting rotors hold; true, too, if there are none that turn."""
     roll, pitch, yaw, thrust = m.attitude_asked[0], m.attitude_asked[1], m.attitude_asked[2], m.attitude_asked[3]
@@ -178,11 +193,10 @@ def _send_state(m: Any, row: int, t: float) -> bool:
         active = m.armed if surface else not m.on_ground
         encode_heartbeat(m.payload, m.kind, 3, base_mode, m.mode, MAV_STATE_ACTIVE if active else MAV_STATE_STANDBY, 3)
     elif message == SYS_STATUS:
-        health = _SENSORS + (_PREARM if ready(m, t) else 0)
-        present = _SENSORS + _PREARM
-        encode_sys_status(m.payload, present, present, health, 0, 65535, -1, -1, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+        _put_status(m, t)
     elif message == EKF_STATUS_REPORT:
-        encode_ekf_status_report(m.payload, _EKF_GOOD if ready(m, t) else _EKF_CONSTANT, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        good = ready(m, t) and not m.position_lost
+        encode_ekf_status_report(m.payload, _EKF_GOOD if good else _EKF_CONSTANT, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     elif message == EXTENDED_SYS_STATE:
         landed = 0 if surface else 1 if m.on_ground else 3 if m.taking_off else 2
         encode_extended_sys_state(m.payload, m.vtol_state, landed)
@@ -222,7 +236,7 @@ def _send_motion(m: Any, row: int, t: float) -> bool:
         encode_global_position_int(m.payload, milliseconds, lat, lon, alt, above_home, vx, vy, vz, int(yaw * 100.0))
     elif message == GPS_RAW_INT:
         course = int(math.degrees(math.atan2(v[1], v[0])) % 360.0 * 100.0) % 36000
-        fix = 6 if known else 0
+        fix = 6 if known and not m.gps_silent else 0
         speed_cm = int(speed * 100.0)
         encode_gps_raw_int(
             m.payload, int(1e6 * t + 0.5), fix, lat, lon, alt, 121, 200, speed_cm, course, 10, alt, 300, 300, 0, 0, 0

@@ -19,8 +19,11 @@ __all__ = [
     "AIRSPEED_STARTED",
     "APPROACH",
     "ARMED",
+    "ARM_BATTERY",
+    "ARM_STOPPED",
     "AUTO_GOES_ON",
     "BAROMETER",
+    "BATTERY_ALARM",
     "CALIBRATION_ARMED",
     "CLEARED",
     "CLIMBING",
@@ -29,6 +32,9 @@ __all__ = [
     "DESCENDS",
     "DESTINATION",
     "DISARMED",
+    "EKF_CLEARED",
+    "EKF_FAILSAFE",
+    "EKF_VARIANCE",
     "FAST_ENOUGH",
     "FENCE_FETCH_BAD",
     "FENCE_FETCH_OLD",
@@ -147,6 +153,20 @@ _WORDS = (
     "GCS Failsafe Cleared",
     "Failsafe - Continuing Auto Mode",
     "Crash: Going to HOLD",
+    "EKF variance",
+    "EKF failsafe",
+    "EKF failsafe cleared",
+    "Battery 1 is low $V used % mAh",
+    "Battery 1 is critical $V used % mAh",
+    "Arm: Battery 1 below minimum arming voltage",
+    "Arm: Battery 1 below minimum arming capacity",
+    "Arm: Battery 1 low voltage failsafe",
+    "Arm: Battery 1 low capacity failsafe",
+    "Arm: Battery 1 critical voltage failsafe",
+    "Arm: Battery 1 critical capacity failsafe",
+    "Arm: Battery 1 capacity failsafe critical > low",
+    "Arm: Battery 1 voltage failsafe critical > low",
+    "Arm: Motors Emergency Stopped",
 )
 (
     ARMED,
@@ -214,30 +234,46 @@ _WORDS = (
     _,
     AUTO_GOES_ON,
     CRASHED,
+    EKF_VARIANCE,
+    EKF_FAILSAFE,
+    EKF_CLEARED,
+    BATTERY_ALARM,
+    _,
+    ARM_BATTERY,
+    _,
+    _,
+    _,
+    _,
+    _,
+    _,
+    _,
+    ARM_STOPPED,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
-"""LOST and CLEARED: the texts of the radio, followed by those of the ground station."""
+"""LOST and CLEARED: the texts of the radio, followed by those of the ground station; BATTERY_ALARM: low, then critical;
+ARM_BATTERY: the first of eight."""
 _SIZE = 50
 _TEXT = np.zeros((len(_WORDS), _SIZE), np.uint8)
 for _row, _words in enumerate(_WORDS):
     _TEXT[_row, : len(_words)] = np.frombuffer(_words.encode(), np.uint8)
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
-_PERCENT, _TENTHS, _POINT, _MINUS, _ZERO = b"%~.-0"
+_PERCENT, _TENTHS, _HUNDREDTHS, _POINT, _MINUS, _ZERO = b"%~$.-0"
 
 
 @kernel
-def _put_figure(m: Any, at: int, value: float, tenths: bool) -> int:
-    """Writes a number at a place of the text, with one decimal or none; returns the place behind it."""
-    size = int(10.0 * abs(value) + 0.5) if tenths else int(abs(value) + 0.5)
+def _put_figure(m: Any, at: int, value: float, decimals: int) -> int:
+    """Writes a number at a place of the text, with up to two decimals; returns the place behind it."""
+    one = 1 if decimals == 0 else 10 if decimals == 1 else 100
+    size = int(one * abs(value) + 0.5)
     if value < 0.0 and size > 0:
         put_statustext_text(m.payload, at, _MINUS)
         at += 1
-    unit = 10 if tenths else 1
+    unit = one
     while unit * 10 <= size:
         unit *= 10
     while unit > 0:
         put_statustext_text(m.payload, at, _ZERO + size // unit % 10)
         at += 1
-        if tenths and unit == 10:
+        if decimals > 0 and unit == one:
             put_statustext_text(m.payload, at, _POINT)
             at += 1
         unit //= 10
@@ -246,7 +282,7 @@ def _put_figure(m: Any, at: int, value: float, tenths: bool) -> int:
 
 @kernel
 def say_figures(m: Any, severity: int, text: int, figures: tuple[float, float, float, float]) -> None:
-    """Sends a STATUSTEXT with figures in the places of its "%" (no decimals) and "~" (one decimal), in this order.
+    """Sends a STATUSTEXT with figures in the places of its "%" (no decimals), "~" (one) and "$" (two), in this order.
 
     If there is no room, it is left out.
     """
@@ -258,8 +294,8 @@ def say_figures(m: Any, severity: int, text: int, figures: tuple[float, float, f
         byte = int(_TEXT[text, i])
         if byte == 0:
             break
-        if byte in (_PERCENT, _TENTHS):
-            at = _put_figure(m, at, figures[used], byte == _TENTHS)
+        if byte in (_PERCENT, _TENTHS, _HUNDREDTHS):
+            at = _put_figure(m, at, figures[used], 0 if byte == _PERCENT else 1 if byte == _TENTHS else 2)
             used += 1
         else:
             put_statustext_text(m.payload, at, byte)

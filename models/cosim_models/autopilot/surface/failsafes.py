@@ -1,8 +1,9 @@
-"""Fail-safes of rovers and boats: a lost ground station, a lost radio, and the crash check.
+"""Fail-safes of rovers and boats: a lost ground station, a lost radio, a low battery, a lost position, and a crash.
 
-Ten times a second. A fail-safe acts by FS_ACTION when its cause has lasted for FS_TIMEOUT, in HOLD only with
-FS_OPTIONS 1, and never in RTL; the mode does not change back. A vehicle that an autonomous mode drives and that neither
-moves nor turns for 2 s, or leans by more than CRASH_ANGLE, has crashed.
+Ten times a second. Ground station and radio act by FS_ACTION when a cause has lasted for FS_TIMEOUT, in HOLD only with
+FS_OPTIONS 1, and never in RTL; the mode does not change back. Battery and position are in `surface.battery` and
+`surface.estimate`. A vehicle that an autonomous mode drives and that neither moves nor turns for 2 s, or leans by more
+than CRASH_ANGLE, has crashed.
 
 Source: ArduPilot, Rover/failsafe.cpp, Rover.cpp (gcs_failsafe_check), radio.cpp, crash_check.cpp.
 """
@@ -20,6 +21,13 @@ from cosim.messages import MAV_RESULT_ACCEPTED, MAV_SEVERITY_EMERGENCY, MAV_SEVE
 from cosim_models.autopilot.gcs.record import real, whole
 from cosim_models.autopilot.gcs.sticks import THROTTLE, overridden, pulse_of
 from cosim_models.autopilot.gcs.words import AUTO_GOES_ON, CLEARED, CRASHED, LOST, say
+from cosim_models.autopilot.surface.battery import BATTERY_MEMORY, BATTERY_PARAMETERS, drain, new_action
+from cosim_models.autopilot.surface.estimate import (
+    ESTIMATE_MEMORY,
+    ESTIMATE_PARAMETERS,
+    watch_gps,
+    watching_estimate,
+)
 
 __all__ = ["FAILSAFE_MEMORY", "FAILSAFE_PARAMETERS", "failsafes", "note_station"]
 
@@ -44,6 +52,8 @@ FAILSAFE_PARAMETERS = (
     real("CRASH_ANGLE", "deg", 0.0, "lean that is a crash, 0: none"),
     whole("FS_OPTIONS", 0, "1: fail-safes act in HOLD, too"),
     whole("SIM_RC_FAIL", 0, "1: the simulated receiver gives no pulses"),
+    *BATTERY_PARAMETERS,
+    *ESTIMATE_PARAMETERS,
 )
 FAILSAFE_MEMORY = (
     Memory("failsafe_due", rare=True),  # s
@@ -54,6 +64,8 @@ FAILSAFE_MEMORY = (
     Memory("station_heard", rare=True),  # s
     Memory("radio_heard", rare=True),  # s
     Memory("crash_count", dtype="i4", rare=True),
+    *BATTERY_MEMORY,
+    *ESTIMATE_MEMORY,
 )
 
 
@@ -102,18 +114,26 @@ def _is_crashed(m: Any) -> bool:
 
 
 def failsafes(
-    hold: int, rtl: int, track: int, loiter: int, auto: int, enter: Callable[[Any, int, float], int]
+    hold: int,
+    rtl: int,
+    track: int,
+    loiter: int,
+    auto: int,
+    free: tuple[int, ...],
+    enter: Callable[[Any, int, float], int],
 ) -> Callable[[Any, float], None]:
     """Returns a kernel of (record, time [s]) that runs the fail-safes when they are due.
 
     Args:
         hold, rtl, track, loiter, auto: numbers of the modes HOLD, RTL, SMART_RTL, LOITER and AUTO.
+        free: modes that need no position.
         enter: kernel of (record, mode, time) that changes the mode; returns a MAV_RESULT.
     """
 
+    watch_estimate = watching_estimate(free, hold, enter)
+
     @kernel
-    def act(m: Any, t: float) -> None:
-        action = m.FS_ACTION
+    def act(m: Any, action: int, t: float) -> None:
         if action == _TERMINATE:
             m.armed = False
             return
@@ -145,11 +165,18 @@ def failsafes(
         if m.mode == auto and goes_on:
             say(m, MAV_SEVERITY_WARNING, AUTO_GOES_ON, 0)
         else:
-            act(m, t)
+            act(m, m.FS_ACTION, t)
 
     @kernel
     def watch(m: Any, t: float) -> None:
         m.failsafe_due = t + _PERIOD - 1e-9
+        drain(m, t)
+        action = new_action(m, t)
+        if action != _NONE:
+            act(m, action, t)
+        if m.SIM_GPS1_ENABLE == 0 or m.position_lost or m.ekf_count > 0 or m.ekf_failed:
+            watch_gps(m, t)
+            watch_estimate(m, t)
         if _cannot_fail(m):
             m.radio_heard = t
             return
