@@ -25,8 +25,8 @@ from cosim.frames import rotate
 from cosim_models.autopilot.commander.battery import drain
 from cosim_models.autopilot.commander.checks import watch_crash, watch_thrust
 from cosim_models.autopilot.commander.failsafes import watch
+from cosim_models.autopilot.commander.positions import LAST_POSITION
 from cosim_models.autopilot.commander.sensors import add_errors, fail_motors
-from cosim_models.autopilot.commander.switches import LAST_POSITION
 from cosim_models.autopilot.commander.wind import blow, start_wind
 from cosim_models.autopilot.control.attitude import run_rates
 from cosim_models.autopilot.control.low_pass import low_pass, settle_low_pass, tune_low_pass

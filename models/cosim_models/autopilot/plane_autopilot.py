@@ -25,6 +25,7 @@ from typing import Any, ClassVar
 from cosim import Memory, Model
 from cosim.kernel import kernel
 from cosim.messages import (
+    MAV_CMD_DO_AUX_FUNCTION,
     MAV_CMD_DO_CHANGE_SPEED,
     MAV_CMD_DO_SET_MISSION_CURRENT,
     MAV_CMD_DO_VTOL_TRANSITION,
@@ -37,6 +38,7 @@ from cosim.messages import (
     MAV_RESULT_DENIED,
     MAV_RESULT_FAILED,
     MAV_RESULT_UNSUPPORTED,
+    MAV_SEVERITY_CRITICAL,
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_NOTICE,
     MAV_TYPE_FIXED_WING,
@@ -56,8 +58,9 @@ from cosim_models.autopilot.gcs.rebooting import rebooting
 from cosim_models.autopilot.gcs.record import MISSION, pilot_variables
 from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
+from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
-from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
+from cosim_models.autopilot.gcs.words import ARM_STOPPED, CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
@@ -70,6 +73,7 @@ from cosim_models.autopilot.wing.flight import (
     take_off,
     wing_parameters,
 )
+from cosim_models.autopilot.wing.functions import MODE_FUNCTIONS, SWITCHED_MODES, use_own
 from cosim_models.autopilot.wing.piloted import (
     PILOT_MEMORY,
     PILOT_PARAMETERS,
@@ -118,7 +122,7 @@ _NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
 VARIABLES = pilot_variables(
     (Airframe.plane,),
     PlaneMode.MANUAL,
-    (*wing_parameters(), *PILOT_PARAMETERS, *STICK_PARAMETERS),
+    (*wing_parameters(), *PILOT_PARAMETERS, *STICK_PARAMETERS, *switch_parameters("FLTMODE", SWITCHED_MODES)),
     (*MISSION, *WING_MEMORY, *PILOT_MEMORY, *WIND_MEMORY, Memory("told_low", dtype="?", rare=True)),
 )
 _hear_parameter, _continue_list = parameter_protocol(VARIABLES)
@@ -175,6 +179,9 @@ _enter = told(_change_mode, _MODES)
 
 @kernel
 def _arm(m: Any, forced: bool, t: float) -> int:
+    if m.emergency_stop and not forced:
+        say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
+        return MAV_RESULT_FAILED
     if not (ready(m, t) or forced):
         return MAV_RESULT_FAILED
     m.armed = True
@@ -185,12 +192,17 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     return MAV_RESULT_ACCEPTED
 
 
+_use_switch, _watch_switches = switches(VARIABLES, "FLTMODE", MODE_FUNCTIONS, True, _enter, _arm, use_own)
+
+
 @kernel
 def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) -> int:  # noqa: ARG001
     if command == MAV_CMD_MISSION_START:
         return _enter(m, _AUTO, t) if p1 == 0.0 and p2 == 0.0 else MAV_RESULT_DENIED
     if command == MAV_CMD_NAV_LOITER_UNLIM:
         return _enter(m, _LOITER, t)
+    if command == MAV_CMD_DO_AUX_FUNCTION:
+        return int(_use_switch(m, p1, p2, t))
     if command == MAV_CMD_DO_VTOL_TRANSITION:
         say(m, MAV_SEVERITY_NOTICE, NO_VTOL, 0)
         return MAV_RESULT_FAILED
@@ -300,6 +312,7 @@ def start(m: Any) -> int:
     m.item_since = -1.0
     home_here(m)
     rest(m)
+    start_switches(m)
     start_streams(m)
     hold_here(m)
     return 0
@@ -319,6 +332,8 @@ def advance(m: Any, t: float, h: float) -> int:
             return error
     if m.mavlink_rx_len > 0:
         _receive(m, t)
+    if t >= m.switch_due:
+        _watch_switches(m, t)
     if not m.armed:
         home_here(m)
         m.rotated, m.elevator_trim = False, 0.0
@@ -331,6 +346,8 @@ def advance(m: Any, t: float, h: float) -> int:
         if m.sticks_known:
             mix_sticks(m, t)
         _act(m, t, h)
+        if m.emergency_stop:
+            m.motor[2] = 0.0
     for i in range(3):
         m.target[i] = m.guided_position[i]
         m.desired_position[i] = m.guided_position[i]

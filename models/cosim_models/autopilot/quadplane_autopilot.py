@@ -24,6 +24,7 @@ from typing import Any, ClassVar
 from cosim import Memory, Model
 from cosim.kernel import kernel
 from cosim.messages import (
+    MAV_CMD_DO_AUX_FUNCTION,
     MAV_CMD_DO_CHANGE_SPEED,
     MAV_CMD_DO_SET_MISSION_CURRENT,
     MAV_CMD_DO_VTOL_TRANSITION,
@@ -38,6 +39,7 @@ from cosim.messages import (
     MAV_RESULT_DENIED,
     MAV_RESULT_FAILED,
     MAV_RESULT_UNSUPPORTED,
+    MAV_SEVERITY_CRITICAL,
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_NOTICE,
     MAV_SEVERITY_WARNING,
@@ -60,8 +62,10 @@ from cosim_models.autopilot.gcs.rebooting import rebooting
 from cosim_models.autopilot.gcs.record import HOLD, MISSION, POSITION, pilot_variables, real, whole
 from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, stream
+from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
 from cosim_models.autopilot.gcs.words import (
+    ARM_STOPPED,
     FLYING,
     LANDED,
     MISSION_COMPLETE,
@@ -84,6 +88,7 @@ from cosim_models.autopilot.wing.flight import (
     take_off,
     wing_parameters,
 )
+from cosim_models.autopilot.wing.functions import MODE_FUNCTIONS, SWITCHED_MODES, use_own
 from cosim_models.autopilot.wing.hover import HOVER_MEMORY, HOVER_PARAMETERS, hover, no_lift, sink
 from cosim_models.autopilot.wing.lifted import LIFT_MEMORY, LIFT_PARAMETERS, begin_lifted, by_rotors, lifts_off
 from cosim_models.autopilot.wing.piloted import (
@@ -192,6 +197,7 @@ VARIABLES = pilot_variables(
         *HOVER_PARAMETERS,
         *LIFT_PARAMETERS,
         *TRANSITION_PARAMETERS,
+        *switch_parameters("FLTMODE", SWITCHED_MODES),
         whole("Q_GUIDED_MODE", 1, "1: hovers at the targets of GUIDED; 0: circles them"),
         whole("Q_MAV_TYPE", MAV_TYPE_VTOL_QUADROTOR, "MAV_TYPE in the heartbeat; 0: fixed wing"),
         real("Q_RTL_ALT", "m", 15.0, "height above home from which QRTL descends", 1.0),
@@ -271,6 +277,9 @@ _enter = told(_change_mode, _MODES)
 
 @kernel
 def _arm(m: Any, forced: bool, t: float) -> int:
+    if m.emergency_stop and not forced:
+        say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
+        return MAV_RESULT_FAILED
     if not (ready(m, t) or forced) or m.mode in (_QLAND, _QRTL):
         return MAV_RESULT_FAILED
     m.armed = True
@@ -281,6 +290,9 @@ def _arm(m: Any, forced: bool, t: float) -> int:
         launch(m, m.home[2] - m.TKOFF_ALT)
         begin_launch(m)
     return MAV_RESULT_ACCEPTED
+
+
+_use_switch, _watch_switches = switches(VARIABLES, "FLTMODE", MODE_FUNCTIONS, True, _enter, _arm, use_own)
 
 
 @kernel
@@ -299,6 +311,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
         return _enter(m, _AUTO, t) if p1 == 0.0 and p2 == 0.0 else MAV_RESULT_DENIED
     if command == MAV_CMD_NAV_LOITER_UNLIM:
         return _enter(m, _LOITER, t)
+    if command == MAV_CMD_DO_AUX_FUNCTION:
+        return int(_use_switch(m, p1, p2, t))
     if command == MAV_CMD_NAV_TAKEOFF:
         flies = not m.on_ground or m.taking_off
         if m.mode != _GUIDED or not m.armed or flies:
@@ -522,6 +536,7 @@ def start(m: Any) -> int:
     home_here(m)
     _rest(m)
     m.lifts = True
+    start_switches(m)
     start_streams(m)
     hold_here(m)
     return 0
@@ -541,6 +556,8 @@ def advance(m: Any, t: float, h: float) -> int:
             return error
     if m.mavlink_rx_len > 0:
         _receive(m, t)
+    if t >= m.switch_due:
+        _watch_switches(m, t)
     if not m.armed:
         home_here(m)
         m.rotated, m.elevator_trim, m.held_heading = False, 0.0, heading(m)
@@ -558,6 +575,9 @@ def advance(m: Any, t: float, h: float) -> int:
         if m.sticks_known:
             mix_sticks(m, t)
         _act(m, t, h)
+    if m.emergency_stop:
+        m.motor[2] = 0.0
+        no_lift(m)
     if not m.armed:
         _rest(m)
         m.descending, m.taking_off = False, False

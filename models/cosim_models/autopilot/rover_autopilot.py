@@ -27,6 +27,7 @@ from cosim.kernel import kernel
 from cosim.messages import (
     HEARTBEAT,
     MAV_CMD_BATTERY_RESET,
+    MAV_CMD_DO_AUX_FUNCTION,
     MAV_CMD_DO_CHANGE_SPEED,
     MAV_CMD_DO_SET_MISSION_CURRENT,
     MAV_CMD_MISSION_START,
@@ -37,6 +38,7 @@ from cosim.messages import (
     MAV_RESULT_DENIED,
     MAV_RESULT_FAILED,
     MAV_RESULT_UNSUPPORTED,
+    MAV_SEVERITY_CRITICAL,
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_NOTICE,
     MAV_TYPE_GROUND_ROVER,
@@ -49,6 +51,7 @@ from cosim_models.autopilot.gcs.missions import (
     COMMAND,
     P1,
     P2,
+    append_waypoint,
     continue_upload,
     item_place,
     mission_protocol,
@@ -67,8 +70,18 @@ from cosim_models.autopilot.gcs.record import (
 )
 from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
+from cosim_models.autopilot.gcs.switches import HIGH, start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, home_here, local_target
-from cosim_models.autopilot.gcs.words import DESTINATION, MISSION_DONE, NO_DOCK, NO_MISSION, REACHED, say
+from cosim_models.autopilot.gcs.words import (
+    ARM_STOPPED,
+    DESTINATION,
+    MISSION_DONE,
+    NO_DOCK,
+    NO_MISSION,
+    REACHED,
+    SAVED_NONE,
+    say,
+)
 from cosim_models.autopilot.surface.battery import battery_permits_arming, drain, reset_battery
 from cosim_models.autopilot.surface.circling import CIRCLE_MEMORY, CIRCLE_PARAMETERS, begin_circle, circle
 from cosim_models.autopilot.surface.driving import DRIVE_MEMORY, DRIVE_PARAMETERS, STANDING, cruise, drive, stop
@@ -120,12 +133,28 @@ class RoverMode(IntEnum):
 
 _MANUAL, _ACRO, _STEERING, _HOLD, _LOITER, _SIMPLE, _CIRCLE, _AUTO, _RTL, _SMART_RTL, _GUIDED = map(int, RoverMode)
 _KNOWN = tuple(map(int, RoverMode))
-_DOCK = 8
+_FOLLOW, _DOCK = 6, 8  # not entered
 _PILOTED = (_ACRO, _STEERING, _SIMPLE)
 _FREE = (_MANUAL, _ACRO, _STEERING, _HOLD)  # need no position
 _MODES = (0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16)  # of ArduRover
 _TIMEOUT = 3.0  # s after which a velocity is no longer followed
 _FLOWN = (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_DO_CHANGE_SPEED)
+_MODE_FUNCTIONS = (
+    (4, _RTL),
+    (16, _AUTO),
+    (42, _SMART_RTL),
+    (51, _MANUAL),
+    (52, _ACRO),
+    (53, _STEERING),
+    (54, _HOLD),
+    (55, _GUIDED),
+    (56, _LOITER),
+    (57, _FOLLOW),
+    (59, _SIMPLE),
+    (72, _CIRCLE),
+)
+_SAVE_WAYPOINT, _GPS = 7, 65
+_IDLE_FUNCTIONS = (50, 63, 74, 97, 155, 201, 202, 207, 211)  # to learn a cruise speed and trims, for sails and legs
 _NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
 
 VARIABLES = pilot_variables(
@@ -138,6 +167,7 @@ VARIABLES = pilot_variables(
         *TRACK_PARAMETERS,
         *STICK_PARAMETERS,
         *FAILSAFE_PARAMETERS,
+        *switch_parameters("MODE", (_MANUAL,) * 6),
     ),
     (
         *MISSION,
@@ -206,6 +236,9 @@ _enter = told(_change_mode, _MODES)
 def _arm(m: Any, forced: bool, t: float) -> int:
     if m.mode in (_RTL, _SMART_RTL) or not (ready(m, t) or forced):
         return MAV_RESULT_FAILED
+    if m.emergency_stop and not forced:
+        say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
+        return MAV_RESULT_FAILED
     if not forced and not battery_permits_arming(m):
         return MAV_RESULT_FAILED
     if not forced and m.position_lost and m.mode not in _FREE:
@@ -218,11 +251,35 @@ def _arm(m: Any, forced: bool, t: float) -> int:
 
 
 @kernel
+def _use_own(m: Any, function: int, at: int, t: float) -> bool:  # noqa: ARG001
+    """Does what a switch with a function of ArduRover alone does; returns whether it is one."""
+    if function == _SAVE_WAYPOINT:
+        if at == HIGH and m.mode != _AUTO:
+            if m.armed:
+                append_waypoint(m)
+            else:
+                m.mission_count, m.mission_current, m.uploading = 0, 0, False
+                say(m, MAV_SEVERITY_NOTICE, SAVED_NONE, 0)
+                m.home_set = False
+                home_here(m)
+    elif function == _GPS:
+        m.gps_off = at == HIGH
+    else:
+        return function in _IDLE_FUNCTIONS
+    return True
+
+
+_use_switch, _watch_switches = switches(VARIABLES, "MODE", _MODE_FUNCTIONS, False, _enter, _arm, _use_own)
+
+
+@kernel
 def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) -> int:  # noqa: ARG001
     if command == MAV_CMD_MISSION_START:
         return _enter(m, _AUTO, t) if p1 == 0.0 and p2 == 0.0 else MAV_RESULT_DENIED
     if command == MAV_CMD_DO_SET_MISSION_CURRENT:
         return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
+    if command == MAV_CMD_DO_AUX_FUNCTION:
+        return int(_use_switch(m, p1, p2, t))
     if command == MAV_CMD_BATTERY_RESET:
         return MAV_RESULT_ACCEPTED if reset_battery(m, p1, p2, t) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_CHANGE_SPEED:
@@ -380,6 +437,7 @@ def start(m: Any) -> int:
     m.motor[0], m.motor[1] = 0.5, 0.5
     m.gps_lost_at = -1.0
     drain(m, 0.0)
+    start_switches(m)
     start_streams(m)
     hold_here(m)
     m.arrived = True
@@ -392,12 +450,15 @@ _watch_failsafes = failsafes(_HOLD, _RTL, _SMART_RTL, _LOITER, _AUTO, _FREE, _en
 
 @kernel
 def _watch(m: Any, t: float) -> None:
-    """Records the path and runs the fail-safes when they are due."""
+    """Records the path, runs the fail-safes and reads the switches when they are due."""
     if m.armed and t >= m.crumb_next and m.mode != _SMART_RTL:
         record_track(m, t)
     if t >= m.failsafe_due:
         _watch_failsafes(m, t)
-    m.watch_next = min(m.crumb_next, m.failsafe_due) if m.armed else m.failsafe_due
+    if t >= m.switch_due:
+        _watch_switches(m, t)
+    due = min(m.failsafe_due, m.switch_due)
+    m.watch_next = min(m.crumb_next, due) if m.armed else due
 
 
 @kernel
@@ -420,6 +481,9 @@ def advance(m: Any, t: float, h: float) -> int:
         m.demand, m.integral = 0.0, 0.0
     else:
         _act(m, t, h)
+        if m.emergency_stop:
+            m.motor[1] = 0.5
+            m.demand, m.integral = 0.0, 0.0
     n, e, d = m.position[0], m.position[1], m.position[2]
     if m.guided_kind != VELOCITY:
         n, e = m.guided_position[0], m.guided_position[1]

@@ -27,6 +27,7 @@ from cosim.messages import (
 )
 from cosim.model import record_layout
 from cosim_models.autopilot.commander.mode_requests import arm_checked, request_mode
+from cosim_models.autopilot.commander.positions import has_moved
 from cosim_models.autopilot.commander.switches import return_to_switch
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.assisted.zigzag import return_to_pilot, store_or_go
@@ -112,10 +113,6 @@ _LOW, _MIDDLE, _HIGH = 0, 1, 2
 _LAST, _MORE, _LAST_MORE = 115, 150, 185  # ranges of functions that ArduCopter knows
 _TOLD = np.array((_SAVE_WAYPOINT, _FENCE, _RESET_MISSION, _RELAY, _ESTOP, _CLEAR_MISSION, _SURFACE), dtype=np.int64)
 """Functions whose switches are told, in the order of the texts."""
-_LEAST, _GREATEST = 800, 2200  # us, valid pulses of a connected switch
-_BELOW, _ABOVE = 1200, 1800  # us
-_SETTLED = 0.2  # s
-_UNKNOWN = 0
 _LOWEST = 1.0  # m, of the take-off of a saved mission
 
 _FIELDS = record_layout(VARIABLES)[0].fields
@@ -242,34 +239,16 @@ def use_switch(m: Any, function: float, position: float, t: float) -> int:
 
 
 @kernel
-def _position(pulse: int) -> int:
-    """Returns the position of a switch: 1 low to 3 high, 0 if there is no signal."""
-    if not _LEAST < pulse < _GREATEST:
-        return _UNKNOWN
-    return 1 + (_LOW if pulse < _BELOW else _HIGH if pulse > _ABOVE else _MIDDLE)
-
-
-@kernel
 def _watch(m: Any, i: int, option: int, t: float) -> None:
     """Reads the switch of channel i (from 0), and acts if it has moved."""
-    position = _position(channel(m, i + 1, t))
-    if position == _UNKNOWN:
+    arms = option in (_ARM_DISARM, _ARM_ESTOP)
+    if not has_moved(m, i, channel(m, i + 1, t), receiver_pulse(m, i + 1), arms, t):
         return
-    if m.aux_seen[i] == _UNKNOWN:
-        m.aux_position[i] = _position(receiver_pulse(m, i + 1))
-        if m.aux_position[i] == _UNKNOWN and option in (_ARM_DISARM, _ARM_ESTOP):
-            m.aux_position[i] = position
-    if position == m.aux_position[i]:
-        m.aux_seen[i] = position
-    elif position != m.aux_seen[i]:
-        m.aux_seen[i] = position
-        m.aux_since[i] = t
-    elif t - m.aux_since[i] >= _SETTLED - 1e-9:
-        m.aux_position[i] = position
-        for k in range(_TOLD.shape[0]):
-            if _TOLD[k] == option:
-                say(m, INFO, SWITCHES + 3 * k + position - 1, i + 1)
-        use_switch(m, float(option), float(position - 1), t)
+    position = int(m.aux_position[i])
+    for k in range(_TOLD.shape[0]):
+        if _TOLD[k] == option:
+            say(m, INFO, SWITCHES + 3 * k + position - 1, i + 1)
+    use_switch(m, float(option), float(position - 1), t)
 
 
 @kernel

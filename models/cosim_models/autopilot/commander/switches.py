@@ -17,18 +17,14 @@ from cosim.fields import get_whole
 from cosim.kernel import kernel
 from cosim.model import record_layout
 from cosim_models.autopilot.commander.mode_requests import arm_checked, request_mode
+from cosim_models.autopilot.commander.positions import LAST_POSITION, UNKNOWN, new_mode_position
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.sticks import channel, deflection, hands_on, override_active, throttle_open
 from cosim_models.autopilot.record.modes import ACRO, STABILIZE
 from cosim_models.autopilot.record.variables import VARIABLES
 
-__all__ = ["LAST_POSITION", "return_to_switch", "watch_switches"]
+__all__ = ["return_to_switch", "watch_switches"]
 
-_POSITIONS = np.array((1230, 1360, 1490, 1620, 1749), dtype=np.int64)  # us, upper limits of positions 1 to 5
-LAST_POSITION = 6
-_UNKNOWN = 0
-_LEAST, _GREATEST = 900, 2200  # us, valid pulses of a connected switch
-_SETTLED = 0.2  # s
 _FULL = 4000.0 / 4500.0  # yaw stick
 _ARMED_AFTER = 20  # readings
 
@@ -41,29 +37,19 @@ _MODES = np.array([_FIELDS[f"FLTMODE{i}"][1] for i in range(1, LAST_POSITION + 1
 def _watch_mode(m: Any, t: float) -> None:
     number = m.FLTMODE_CH
     moved = override_active(m, number, t) if number != 0 else False
-    if number == 0 or not (m.switch_position == _UNKNOWN or moved or m.switch_moved):
+    if number == 0 or not (m.switch_position == UNKNOWN or moved or m.switch_moved):
         return
     m.switch_moved = m.switch_moved or moved
-    pulse = channel(m, number, t)
-    if not _LEAST < pulse < _GREATEST:
-        return
-    position = 1
-    for i in range(_POSITIONS.shape[0]):
-        if pulse > _POSITIONS[i]:
-            position = i + 2
-    if position != m.switch_seen:
-        m.switch_seen = position
-        m.switch_since = t
-    elif position != m.switch_position and t - m.switch_since >= _SETTLED - 1e-9:
-        m.switch_position = position
+    position = new_mode_position(m, channel(m, number, t), t)
+    if position != UNKNOWN:
         request_mode(m, get_whole(m, _MODES[position - 1]), t)
 
 
 @kernel
 def return_to_switch(m: Any) -> None:
     """Makes the mode that of the mode switch, 0.2 s later, as if it had been moved there; without an override, too."""
-    m.switch_position = _UNKNOWN
-    m.switch_seen = _UNKNOWN
+    m.switch_position = UNKNOWN
+    m.switch_seen = UNKNOWN
 
 
 @kernel
@@ -91,7 +77,7 @@ def _watch_rudder(m: Any, t: float) -> None:
 def watch_switches(m: Any, t: float) -> None:
     """Responds to the mode switch and the yaw stick."""
     flies = hands_on(m, t)
-    if flies or m.switch_moved or m.switch_position == _UNKNOWN:
+    if flies or m.switch_moved or m.switch_position == UNKNOWN:
         _watch_mode(m, t)
     if flies:
         _watch_rudder(m, t)

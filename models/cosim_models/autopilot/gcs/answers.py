@@ -13,7 +13,6 @@ from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_BATTERY_RESET,
     MAV_CMD_CONTROL_HIGH_LATENCY,
-    MAV_CMD_DO_AUX_FUNCTION,
     MAV_CMD_DO_CANCEL_MAG_CAL,
     MAV_CMD_DO_DIGICAM_CONFIGURE,
     MAV_CMD_DO_DIGICAM_CONTROL,
@@ -116,7 +115,6 @@ _IDLE = np.array(
     ]
 )
 """Accepted without an effect: for battery, camera, mount and receiver, which are not on board."""
-_CAMERA = 9.0  # auxiliary function
 _EXTERNAL_WIND = 43004  # MAV_CMD_EXTERNAL_WIND_ESTIMATE, which pymavlink does not have
 _INTERVAL = cast(int, np.int64(MESSAGE_INTERVAL))
 
@@ -197,10 +195,6 @@ def _of_settings(m: Any, command: int, p: tuple[float, float, float, float]) -> 
             return MAV_RESULT_FAILED
         say(m, MAV_SEVERITY_NOTICE, LATENCY_ON if p[0] == 1.0 else LATENCY_OFF, 0)
         return MAV_RESULT_ACCEPTED
-    if command == MAV_CMD_DO_AUX_FUNCTION:  # of all functions, that of the camera, which is not on board
-        if p[1] not in (0.0, 1.0, 2.0):
-            return MAV_RESULT_DENIED
-        return _accept(p[0] == _CAMERA, MAV_RESULT_FAILED)
     if command == MAV_CMD_DO_FOLLOW:
         return _accept(p[0] > 0.0 and p[0] <= 255.0, MAV_RESULT_DENIED)
     if command == MAV_CMD_SET_EKF_SOURCE_SET:

@@ -70,6 +70,7 @@ __all__ = [
     "P1",
     "P2",
     "P3",
+    "append_waypoint",
     "continue_upload",
     "item_place",
     "mission_protocol",
@@ -103,6 +104,23 @@ def item_place(m: Any, sequence: int) -> tuple[float, float, float]:
     """Returns the place of an item, NED."""
     r = m.mission[sequence]
     return locate(m, int(r[FRAME]), int(r[LATITUDE]), int(r[LONGITUDE]), float(r[HEIGHT]))
+
+
+@kernel
+def append_waypoint(m: Any) -> None:
+    """Adds the present place, at its height above the sea, to the mission if there is room."""
+    row = max(m.mission_count, 1)
+    if row >= MAX_MISSION:
+        return
+    phi, psi, alt = geodetic_from_local(
+        m.position[0], m.position[1], m.position[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+    )
+    r = m.mission[row]
+    for i in range(r.shape[0]):
+        r[i] = 0.0
+    r[COMMAND], r[FRAME], r[HEIGHT] = MAV_CMD_NAV_WAYPOINT, MAV_FRAME_GLOBAL, alt
+    r[LATITUDE], r[LONGITUDE] = deg_e7(phi), deg_e7(psi)
+    m.mission_count = row + 1
 
 
 @kernel

@@ -19,6 +19,7 @@ from cosim.verdict import Role
 from cosim_models.autopilot.gcs.rebooting import REBOOT_MEMORY
 from cosim_models.autopilot.gcs.rows import ROWS
 from cosim_models.autopilot.gcs.sticks import STICK_MEMORY
+from cosim_models.autopilot.gcs.switches import SWITCH_MEMORY
 
 __all__ = [
     "ACCELERATION",
@@ -149,6 +150,7 @@ _MEMORY = (
     Memory("gps_silent", dtype="?", rare=True),
     Memory("position_lost", dtype="?", rare=True),
     *STICK_MEMORY,
+    *SWITCH_MEMORY,
     *REBOOT_MEMORY,
     Memory("wind_estimate", shape=3, rare=True),  # m/s, NED
     Memory("component_known", dtype="u1", shape=256, rare=True),  # 1: heard from this component of the own system

@@ -30,6 +30,7 @@ from cosim.messages import (
 from cosim.packets import get_u16
 
 __all__ = [
+    "CHANNELS",
     "PITCH",
     "ROLL",
     "STICK_MEMORY",
@@ -41,17 +42,20 @@ __all__ = [
     "opening",
     "overridden",
     "pulse_of",
+    "receiver_pulse",
     "tilt",
 ]
 
 ROLL, PITCH, THROTTLE, YAW = (cast(int, np.int64(i)) for i in range(4))
 """Channels, from 0. A rover is steered by the first."""
-_CHANNELS = 8
+CHANNELS = 8
+"""Number of channels."""
 _LOW, _CENTRE, _HIGH, _DEAD = 1000.0, 1500.0, 2000.0, 30.0  # us
 _CLOSED = 1000  # us, of a plane's throttle without an override
 _SWITCHES = np.array([1800, 1000, 1000, 1800], np.int64)  # us, channels 5 to 8
 _IGNORED, _NO_VALUE = 65535, 32767
 _FOR_EVER = 1e300
+_READ = 0.1  # s, within which switches are read after an override
 _QHOVER, _QLOITER = 18, 19
 
 STICK_PARAMETERS = (
@@ -76,8 +80,9 @@ STICK_PARAMETERS = (
 )
 STICK_MEMORY = (
     Memory("sticks_known", dtype="?"),  # there have been overrides, which may have ended
-    Memory("rc_override", dtype="i4", shape=_CHANNELS, rare=True),  # us, 0: none
-    Memory("rc_until", shape=_CHANNELS, rare=True),  # s, when the override ends
+    Memory("overrides_off", dtype="?", rare=True),  # by a switch
+    Memory("rc_override", dtype="i4", shape=CHANNELS, rare=True),  # us, 0: none
+    Memory("rc_until", shape=CHANNELS, rare=True),  # s, when the override ends
 )
 
 
@@ -93,6 +98,7 @@ def _is_surface(m: Any) -> bool:
 def _override(m: Any, i: int, pulse: int, t: float) -> None:
     """Overrides channel i with `pulse` [us]; 0 releases it."""
     m.sticks_known = True
+    m.switch_due = min(m.switch_due, t + _READ)
     m.rc_override[i] = pulse
     m.rc_until[i] = _FOR_EVER if m.RC_OVERRIDE_TIME < 0.0 else t + m.RC_OVERRIDE_TIME
 
@@ -112,7 +118,7 @@ def hear_sticks(m: Any, message: int, sender: int, t: float) -> bool:
     """Handles RC_CHANNELS_OVERRIDE and MANUAL_CONTROL; returns whether `message` is one of them."""
     if message == RC_CHANNELS_OVERRIDE:
         if sender == m.SYSID_MYGCS:
-            for i in range(_CHANNELS):
+            for i in range(CHANNELS):
                 pulse = get_u16(m.received, RC_CHANNELS_OVERRIDE_CHAN1_RAW + 2 * i)
                 if pulse != _IGNORED:
                     _override(m, i, pulse, t)
@@ -137,20 +143,24 @@ def hear_sticks(m: Any, message: int, sender: int, t: float) -> bool:
 @kernel
 def overridden(m: Any, i: int, t: float) -> bool:
     """Returns whether channel i (from 0) is overridden."""
-    return bool(m.rc_override[i] != 0 and t < m.rc_until[i])
+    return bool(m.rc_override[i] != 0 and t < m.rc_until[i] and not m.overrides_off)
 
 
 @kernel
-def pulse_of(m: Any, i: int, t: float) -> int:
-    """Returns the pulse [us] of channel i (from 0)."""
-    if overridden(m, i, t):
-        return int(m.rc_override[i])
+def receiver_pulse(m: Any, i: int) -> int:
+    """Returns the pulse [us] that channel i (from 0) has without an override."""
     if i > YAW:
         return int(_SWITCHES[i - YAW - 1])
     climbs = m.lifts and not m.on_ground and m.mode in (_QHOVER, _QLOITER)
     if i == THROTTLE and not _is_surface(m) and not climbs:
         return _CLOSED
     return int(_CENTRE)
+
+
+@kernel
+def pulse_of(m: Any, i: int, t: float) -> int:
+    """Returns the pulse [us] of channel i (from 0)."""
+    return int(m.rc_override[i]) if overridden(m, i, t) else receiver_pulse(m, i)
 
 
 @kernel

@@ -34,6 +34,7 @@ __all__ = [
     "DISARMED",
     "EKF_CLEARED",
     "EKF_FAILSAFE",
+    "EKF_SOURCE",
     "EKF_VARIANCE",
     "FAST_ENOUGH",
     "FENCE_FETCH_BAD",
@@ -63,6 +64,7 @@ __all__ = [
     "NO_MESSAGE",
     "NO_MISSION",
     "NO_MODE",
+    "NO_OPTION",
     "NO_Q_MODES",
     "NO_VTOL",
     "ON_WING",
@@ -73,9 +75,12 @@ __all__ = [
     "READY",
     "RESET",
     "ROVER",
+    "SAVED_NONE",
     "SLOWING",
+    "SWITCHES",
     "TAKEOFF_GUIDED",
     "TAKES_OFF",
+    "TOLD",
     "TO_WING",
     "TRACK_FULL",
     "TRANSITION_AUTO",
@@ -87,6 +92,25 @@ __all__ = [
     "say_figures",
 ]
 
+_FUNCTIONS = {
+    7: "SaveWaypoint",
+    9: "CameraTrigger",
+    11: "Fence",
+    24: "MissionReset",
+    28: "Relay1",
+    31: "MotorEStop",
+    34: "Relay2",
+    35: "Relay3",
+    36: "Relay4",
+    40: "AvoidProximity",
+    58: "ClearWaypoint",
+    62: "CompassLearn",
+    65: "GPSDisable",
+    66: "Relay5",
+    67: "Relay6",
+}
+TOLD = np.array(list(_FUNCTIONS), dtype=np.int64)
+"""Auxiliary functions whose switches are told."""
 _WORDS = (
     "Throttle armed",
     "Throttle disarmed",
@@ -167,6 +191,10 @@ _WORDS = (
     "Arm: Battery 1 capacity failsafe critical > low",
     "Arm: Battery 1 voltage failsafe critical > low",
     "Arm: Motors Emergency Stopped",
+    "Invalid channel option (%)",
+    "Using EKF Source Set %",
+    "SaveWP: Mission cleared!",
+    *(f"RC%: {name} {at}" for name in _FUNCTIONS.values() for at in ("LOW", "MIDDLE", "HIGH")),
 )
 (
     ARMED,
@@ -248,9 +276,14 @@ _WORDS = (
     _,
     _,
     ARM_STOPPED,
+    NO_OPTION,
+    EKF_SOURCE,
+    SAVED_NONE,
+    SWITCHES,
+    *_SWITCHES_MORE,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
 """LOST and CLEARED: the texts of the radio, followed by those of the ground station; BATTERY_ALARM: low, then critical;
-ARM_BATTERY: the first of eight."""
+ARM_BATTERY: the first of eight; SWITCHES: three for each of TOLD, of the positions low, middle and high."""
 _SIZE = 50
 _TEXT = np.zeros((len(_WORDS), _SIZE), np.uint8)
 for _row, _words in enumerate(_WORDS):

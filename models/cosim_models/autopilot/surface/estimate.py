@@ -1,9 +1,9 @@
 """The fail-safe of the estimate of rovers and boats: what they do when they do not know where they are.
 
 There is no estimator: the position is that of the inputs. It counts as lost, as that of ArduPilot's filter does, when
-the simulated GPS has been silent (SIM_GPS1_ENABLE 0) for 7 s. After a second, while it is armed, FS_EKF_ACTION follows:
-HOLD, or a text alone. Modes that need no position go on. Kernels over a record with `ESTIMATE_PARAMETERS` and
-`ESTIMATE_MEMORY`.
+the simulated GPS has been silent (SIM_GPS1_ENABLE 0, or a switch) for 7 s. After a second, while it is armed,
+FS_EKF_ACTION follows: HOLD, or a text alone. Modes that need no position go on. Kernels over a record with
+`ESTIMATE_PARAMETERS` and `ESTIMATE_MEMORY`.
 
 Differences from ArduRover: with the text alone, it goes on by its true position, where ArduRover reckons on.
 
@@ -35,6 +35,7 @@ ESTIMATE_PARAMETERS = (
     whole("SIM_GPS1_ENABLE", 1, "0: the simulated GPS is silent"),
 )
 ESTIMATE_MEMORY = (
+    Memory("gps_off", dtype="?", rare=True),  # by a switch
     Memory("gps_lost_at", rare=True),  # s, -1: it is there
     Memory("ekf_count", dtype="i4", rare=True),
     Memory("ekf_failed", dtype="?", rare=True),
@@ -45,7 +46,7 @@ ESTIMATE_MEMORY = (
 @kernel
 def watch_gps(m: Any, t: float) -> None:
     """Looks for how long GPS has been silent."""
-    if m.SIM_GPS1_ENABLE != 0:
+    if m.SIM_GPS1_ENABLE != 0 and not m.gps_off:
         m.gps_lost_at = _NEVER
         m.gps_silent, m.position_lost = False, False
         return

@@ -174,7 +174,7 @@ def failsafes(
         action = new_action(m, t)
         if action != _NONE:
             act(m, action, t)
-        if m.SIM_GPS1_ENABLE == 0 or m.position_lost or m.ekf_count > 0 or m.ekf_failed:
+        if m.SIM_GPS1_ENABLE == 0 or m.gps_off or m.position_lost or m.ekf_count > 0 or m.ekf_failed:
             watch_gps(m, t)
             watch_estimate(m, t)
         if _cannot_fail(m):
