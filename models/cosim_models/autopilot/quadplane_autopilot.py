@@ -59,7 +59,7 @@ from cosim_models.autopilot.gcs.missions import (
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
 from cosim_models.autopilot.gcs.rebooting import rebooting
-from cosim_models.autopilot.gcs.record import HOLD, MISSION, POSITION, pilot_variables, real, whole
+from cosim_models.autopilot.gcs.record import HOLD, MISSION, POSITION, pilot_variables, whole
 from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, stream
 from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
@@ -106,7 +106,13 @@ from cosim_models.autopilot.wing.progress import (
     begin_launch,
     tell_descent,
     tell_launch,
-    tell_return,
+)
+from cosim_models.autopilot.wing.returning import (
+    RETURN_MEMORY,
+    RETURN_PARAMETERS,
+    approach_height,
+    begin_return,
+    climb_before_return,
 )
 from cosim_models.autopilot.wing.transition import (
     SLOW,
@@ -200,7 +206,7 @@ VARIABLES = pilot_variables(
         *switch_parameters("FLTMODE", SWITCHED_MODES),
         whole("Q_GUIDED_MODE", 1, "1: hovers at the targets of GUIDED; 0: circles them"),
         whole("Q_MAV_TYPE", MAV_TYPE_VTOL_QUADROTOR, "MAV_TYPE in the heartbeat; 0: fixed wing"),
-        real("Q_RTL_ALT", "m", 15.0, "height above home from which QRTL descends", 1.0),
+        *RETURN_PARAMETERS,
     ),
     (
         *MISSION,
@@ -210,6 +216,7 @@ VARIABLES = pilot_variables(
         *LIFT_MEMORY,
         *TRANSITION_MEMORY,
         *PROGRESS_MEMORY,
+        *RETURN_MEMORY,
         *WIND_MEMORY,
         Memory("circle_told", dtype="?", rare=True),  # that the circle of GUIDED is reached
         Memory("vtol_mode", dtype="?"),  # of waypoints, by DO_VTOL_TRANSITION
@@ -253,7 +260,8 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     m.autonomous = mode not in _PILOTED
     m.mission_active = mode == _AUTO
     m.taking_off = False
-    m.vtol_mode, m.descending, m.circle_told = False, False, False
+    m.vtol_mode, m.descending, m.circle_told, m.braking = False, False, False, False
+    m.arrival_speed = 0.0
     hold_here(m)
     note_target(m)
     begin_pilot(m)
@@ -266,9 +274,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     elif mode == _LOITER_ALT_QLAND:
         go_to(m, m.position[0], m.position[1], m.home[2] - m.Q_RTL_ALT)
     elif mode == _QRTL:
-        go_to(m, m.home[0], m.home[1], m.home[2] - m.Q_RTL_ALT)
-        forget_target(m)
-        tell_return(m, distance_to(m, m.home[0], m.home[1]))
+        begin_return(m)
     return MAV_RESULT_ACCEPTED
 
 
@@ -497,7 +503,9 @@ def _act(m: Any, t: float, h: float) -> None:
     elif m.mode == _QLAND:
         _land(m, n, e, t, h)
     elif m.mode == _QRTL:
-        if m.descending or travel(m, n, e, d, t, h):
+        if m.return_climbs:
+            climb_before_return(m, h)
+        elif m.descending or travel(m, n, e, d if m.vtol else d - approach_height(m, distance_to(m, n, e)), t, h):
             _land(m, n, e, t, h)
     elif m.mode < _AUTO:
         _pilot(m, t, h)

@@ -10,6 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_models.autopilot.quadplane_autopilot import QuadplaneAutopilot
+from cosim_models.autopilot.wing.returning import approach_height
 from cosim_models.vehicles.quadplane import Quadplane
 from tests.models.autopilot.test_small_autopilots import ARM, REQUEST, SET_MODE, SPEED, TAKEOFF, WAYPOINT, upload
 from tests.models.pair import ACCEPTED, DENIED, FAILED, Pair
@@ -91,7 +92,7 @@ def test_it_flies_to_a_distant_place_on_its_wing_hovers_there_and_returns() -> N
     assert p.reposition(300.0, -80.0, 25.0) == ACCEPTED
     p.until(18.0)
     assert state(p) == mavlink.MAV_VTOL_STATE_TRANSITION_TO_FW
-    p.until(30.0)
+    p.until(27.0)
     assert state(p) == mavlink.MAV_VTOL_STATE_FW
     _, highest, fastest, least = farthest(p, 41.0)
     assert state(p) == mavlink.MAV_VTOL_STATE_MC
@@ -182,8 +183,68 @@ def test_it_tells_why_it_does_not_take_off() -> None:
     assert said == ["User Takeoff only in GUIDED mode", "Must be armed for takeoff", "Already flying - no takeoff"]
 
 
+@pytest.mark.parametrize(
+    ("east", "values", "height"),
+    [
+        (0.0, {}, 10.0),  # Q_RTL_ALT_MIN
+        (0.0, {"Q_RTL_ALT_MIN": 2.0}, 6.0),  # Q_LAND_FINAL_ALT
+        (0.0, {"Q_RTL_ALT_MIN": 90.0}, 15.0),  # Q_RTL_ALT
+        (60.0, {"Q_RTL_ALT": 30.0}, 15.0),  # half of 1.5 times WP_LOITER_RAD: half of the height
+        (60.0, {"Q_RTL_ALT": 30.0, "Q_RTL_ALT_MIN": 20.0}, 20.0),
+    ],
+)
+def test_it_climbs_before_it_returns(east: float, values: dict[str, float], height: float) -> None:
+    p = started(pilot=values)
+    assert p.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 4.0) == ACCEPTED
+    p.until(12.0)
+    if east:
+        assert p.reposition(0.0, east, 4.0) == ACCEPTED
+        p.until(40.0)
+    place = p.place
+    assert p.ask(SET_MODE, 1, QRTL) == ACCEPTED
+    p.heard.clear()
+    while not any(m.get_type() == "STATUSTEXT" for m in p.heard):
+        p.one_step()
+        assert p.time < 60.0
+        assert math.dist(p.place[:2], place[:2]) < 0.5
+    assert -p.place[2] == pytest.approx(height, abs=0.1)
+    radius = f"VTOL position1 d={east:.1f} r=120.0"
+    said = [m.text for m in p.heard if m.get_type() == "STATUSTEXT"]
+    assert figures(said[0])[0] == pytest.approx(east, abs=0.5) and said[0].split(" d=")[0] == radius.split(" d=")[0]
+    while p.m.armed:
+        p.one_step()
+        assert -p.place[2] < height + 1.5  # it returns at this height
+    assert p.place == pytest.approx([0.0, 0.0, 0.0], abs=0.3)
+
+
+def test_it_returns_on_the_wing_at_rtl_altitude_and_sinks_to_that_of_qrtl() -> None:
+    p = hovering(pilot={"RTL_ALTITUDE": 60.0})
+    assert p.ask(SET_MODE, 1, 13) == ACCEPTED  # TAKEOFF: straight on, to TKOFF_ALT 50 m
+    p.until(65.0)
+    assert p.reposition(900.0, 0.0, 50.0, 1.0) == ACCEPTED
+    while math.dist(p.place[:2], (900.0, 0.0)) > 250.0 and p.place[0] < 900.0:
+        p.one_step()
+        assert p.time < 150.0
+    assert p.m.motor[4:].max() == 0.0
+    assert p.ask(SET_MODE, 1, QRTL) == ACCEPTED
+    highest = 0.0
+    while p.m.motor[4:].max() == 0.0:
+        p.one_step()
+        highest = max(highest, -p.place[2])
+        assert p.time < 300.0
+    assert highest == pytest.approx(60.0, abs=2.0)
+    assert math.hypot(*p.place[:2]) < 200.0
+    assert 15.0 < -p.place[2] < 35.0
+    # 45 m at 0.6 TECS_SINK_MAX take 15 s: 240 m at AIRSPEED_CRUISE, up to 160 m from home
+    for distance, above in ((100.0, 0.0), (160.0, 0.0), (280.0, 22.5), (400.0, 45.0), (900.0, 45.0)):
+        assert approach_height(p.m, distance) == pytest.approx(above)
+    while p.m.armed:
+        p.one_step()
+    assert p.place == pytest.approx([0.0, 0.0, 0.0], abs=0.3)
+
+
 def test_it_tells_how_far_its_return_is() -> None:
-    p = hovering()
+    p = hovering(pilot={"Q_RTL_ALT_MIN": 8.0})  # it is high enough
     p.heard.clear()
     assert p.ask(SET_MODE, 1, QRTL) == ACCEPTED
     p.one_step()
@@ -198,6 +259,32 @@ def test_it_tells_how_far_its_return_is() -> None:
     assert texts(p) == ["Land final started", "Land complete", "Throttle disarmed"]
 
 
+def figures(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"=(-?[\d.]+)", text)]
+
+
+def test_its_rotors_brake_for_a_second_at_least_before_they_take_over() -> None:
+    p = hovering()
+    assert p.reposition(400.0, 0.0, 20.0) == ACCEPTED
+    told: list[tuple[float, str]] = []
+    while not any("position2" in text for _, text in told):
+        p.heard.clear()
+        p.one_step()
+        told += [(p.time, m.text) for m in p.heard if m.get_type() == "STATUSTEXT"]
+        if p.m.braking:
+            assert not p.m.vtol and p.m.motor[4:].min() >= 0.15  # Q_M_SPIN_MIN
+            assert state(p) == mavlink.MAV_VTOL_STATE_TRANSITION_TO_MC
+        assert p.time < 80.0
+    (braking, first), (over, second) = [one for one in told if "airbrake" in one[1] or "dc=" in one[1]]
+    speed, distance, stop, height = figures(first)
+    assert stop == pytest.approx(0.5 * speed * speed + 2.0 * speed, abs=1.5)  # Q_TRANS_DECEL 1
+    assert distance == pytest.approx(stop, abs=1.0) and height == pytest.approx(20.0, abs=2.0)
+    speed, distance, height, wanted = figures(second)
+    assert wanted == pytest.approx(min(math.sqrt(2.0 * distance), 16.0), abs=0.1)  # AIRSPEED_CRUISE
+    assert speed > max(1.2 * wanted, wanted + 2.0) - 0.1 or speed < 10.0  # AIRSPEED_MIN - 2
+    assert over - braking > 1.0 and height == pytest.approx(20.0, abs=2.0)
+
+
 def test_it_tells_how_far_a_place_on_the_wing_is() -> None:
     p = hovering()
     p.heard.clear()
@@ -209,7 +296,8 @@ def test_it_tells_how_far_a_place_on_the_wing_is() -> None:
     ]
     texts(p)
     p.until(70.0)
-    assert texts(p)[2:] == ["VTOL position# v=# d=# sd=# h=#", "VTOL position# started v=# d=# h=#"]
+    brakes, takes_over = "VTOL airbrake v=# d=# sd=# h=#", "VTOL position# v=# d=# h=# dc=#"
+    assert texts(p)[2:] == [brakes, takes_over, "VTOL position# started v=# d=# h=#"]
 
 
 def test_a_launch_in_the_air_waits_for_its_propeller() -> None:

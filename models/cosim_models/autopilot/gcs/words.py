@@ -24,6 +24,8 @@ __all__ = [
     "AUTO_GOES_ON",
     "BAROMETER",
     "BATTERY_ALARM",
+    "BRAKED",
+    "BRAKES",
     "CALIBRATION_ARMED",
     "CLEARED",
     "CLIMBING",
@@ -194,6 +196,8 @@ _WORDS = (
     "Invalid channel option (%)",
     "Using EKF Source Set %",
     "SaveWP: Mission cleared!",
+    "VTOL airbrake v=~ d=% sd=% h=~",
+    "VTOL position1 v=~ d=~ h=~ dc=~",
     *(f"RC%: {name} {at}" for name in _FUNCTIONS.values() for at in ("LOW", "MIDDLE", "HIGH")),
 )
 (
@@ -279,6 +283,8 @@ _WORDS = (
     NO_OPTION,
     EKF_SOURCE,
     SAVED_NONE,
+    BRAKES,
+    BRAKED,
     SWITCHES,
     *_SWITCHES_MORE,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))

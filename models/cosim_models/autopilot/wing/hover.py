@@ -24,7 +24,7 @@ from cosim_models.autopilot.gcs.record import angle, real
 from cosim_models.autopilot.wing.flight import clip, rest, servos
 
 __all__ = ["HOVER_MEMORY", "HOVER_PARAMETERS", "glide", "hover", "lean_by_rates", "lean_to", "level_flight", "lift_off"]
-__all__ += ["no_lift", "sink", "square_root_speed"]
+__all__ += ["no_lift", "rise", "sink", "square_root_speed"]
 
 _GRAVITY = 9.80665
 _TURNING = 0.05  # rad/s
@@ -64,6 +64,7 @@ HOVER_MEMORY = (
     Memory("lift_trim"),  # integral of the vertical velocity error, share of the greatest thrust
     Memory("turned", dtype="?", rare=True),  # it still turns, as a pilot asked
     Memory("lift"),  # mean of the thrusts, of 1
+    Memory("arrival_speed"),  # m/s that it may still have after its flight on the wing; 0: Q_WP_SPEED
 )
 
 
@@ -197,7 +198,8 @@ def _towards(m: Any, n: float, e: float) -> tuple[float, float]:
     distance = math.sqrt(dn * dn + de * de)
     if distance == 0.0:
         return 0.0, 0.0
-    speed = min(square_root_speed(distance, m.Q_P_POSXY_P, m.Q_TRANS_DECEL), 0.01 * m.Q_WP_SPEED) / distance
+    most = max(0.01 * m.Q_WP_SPEED, m.arrival_speed)
+    speed = min(square_root_speed(distance, m.Q_P_POSXY_P, m.Q_TRANS_DECEL), most) / distance
     return speed * dn, speed * de
 
 
@@ -221,6 +223,12 @@ def sink(m: Any, n: float, e: float, h: float) -> None:
     vn, ve = _towards(m, n, e)
     final = m.home[2] - m.position[2] < m.Q_LAND_FINAL_ALT
     _move(m, vn, ve, -float(m.Q_LAND_FINAL_SPD if final else 0.01 * m.Q_WP_SPEED_DN), _turn(m), h)
+
+
+@kernel
+def rise(m: Any, h: float) -> None:
+    """Climbs straight up with Q_WP_SPEED_UP."""
+    _move(m, 0.0, 0.0, 0.01 * float(m.Q_WP_SPEED_UP), _turn(m), h)
 
 
 @kernel

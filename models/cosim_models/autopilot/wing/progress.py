@@ -1,8 +1,6 @@
 """Texts by which quadplanes tell how far a return, a landing and a launch have come, as ArduPlane tells them.
 
-ArduPlane's approach has a stage of air brakes, in which its rotors start; the rotors of this autopilot take over at
-once, which it tells as ArduPlane does when its rotors are running already. Kernels over the record of
-`QuadplaneAutopilot`.
+Kernels over the record of `QuadplaneAutopilot`.
 
 Source: ArduPilot, ArduPlane/quadplane.cpp (poscontrol_init_approach, vtol_position_controller, verify_vtol_land),
 mode_qrtl.cpp, mode_takeoff.cpp, takeoff.cpp (auto_takeoff_check).
@@ -20,6 +18,8 @@ from cosim_models.autopilot.gcs.streams import heading
 from cosim_models.autopilot.gcs.words import (
     ABOVE,
     APPROACH,
+    BRAKED,
+    BRAKES,
     CLIMBING,
     DESCENDS,
     FINAL,
@@ -39,8 +39,10 @@ __all__ = [
     "begin_launch",
     "tell_above",
     "tell_approach",
+    "tell_braking",
     "tell_descent",
     "tell_launch",
+    "tell_position",
     "tell_return",
     "tell_rotors",
 ]
@@ -86,20 +88,35 @@ def tell_return(m: Any, distance: float) -> None:
 
 
 @kernel
-def tell_approach(m: Any, distance: float) -> None:
-    """Tells of a new target, by its distance [m]."""
+def tell_approach(m: Any, distance: float) -> bool:
+    """Tells of a new target, by its distance [m], if it is on the rotors or far; returns whether it is near."""
     m.landing_stage = _ON_WAY
-    near = distance < 1.5 * _stop(m, m.AIRSPEED_CRUISE)
+    near = bool(distance < 1.5 * _stop(m, m.AIRSPEED_CRUISE))
     if m.vtol or not near:
         say_figures(m, MAV_SEVERITY_INFO, NEAR if near else APPROACH, (distance, 0.0, 0.0, 0.0))
+    return near
 
 
 @kernel
 def tell_rotors(m: Any, distance: float) -> None:
-    """Tells that the rotors take over before a place, by its distance [m]."""
+    """Tells that the rotors, which run already, take over before a place, by its distance [m]."""
     speed = _speed(m)
     figures = speed, distance, _stop(m, speed) + 2.0 * speed, _height(m)
     say_figures(m, MAV_SEVERITY_INFO, SLOWING, figures)
+
+
+@kernel
+def tell_braking(m: Any, distance: float) -> None:
+    """Tells that the rotors run as air brakes before a place, by its distance [m]."""
+    speed = _speed(m)
+    figures = speed, distance, _stop(m, speed) + 2.0 * speed, _height(m)
+    say_figures(m, MAV_SEVERITY_INFO, BRAKES, figures)
+
+
+@kernel
+def tell_position(m: Any, distance: float, wanted: float) -> None:
+    """Tells that the rotors take over after that, by the distance [m] and the speed that is wanted [m/s]."""
+    say_figures(m, MAV_SEVERITY_INFO, BRAKED, (_speed(m), distance, _height(m), wanted))
 
 
 @kernel

@@ -2,8 +2,9 @@
 
 From the rotors to the wing: the propeller accelerates the vehicle, which the rotors hold level at its height, up to
 AIRSPEED_MIN; then, within Q_TRANSITION_MS, the wing takes over. Back: near its place it slows down to AIRSPEED_MIN, and
-from a distance of v2 / (2 Q_TRANS_DECEL) on the rotors carry it. On the wing, they come to its help below 3/4 of
-AIRSPEED_MIN.
+from a distance of v2 / (2 Q_TRANS_DECEL) + 2 s v on the rotors run as air brakes while the wing still steers; after a
+second at least, when it is slow or too fast for the rest of the way, the rotors alone carry it. On the wing, they come
+to its help below 3/4 of AIRSPEED_MIN.
 
 Source: ArduPilot, ArduPlane/quadplane.cpp (SLT_Transition, vtol_position_controller), in its outlines.
 """
@@ -20,7 +21,7 @@ from cosim_models.autopilot.gcs.record import real
 from cosim_models.autopilot.gcs.words import FAST_ENOUGH, ON_WING, TO_WING, say, say_figures
 from cosim_models.autopilot.wing.flight import bank_for, circle, clip, cruise_speed, fly, servos
 from cosim_models.autopilot.wing.hover import hover, lift_off, no_lift
-from cosim_models.autopilot.wing.progress import tell_above, tell_approach, tell_rotors
+from cosim_models.autopilot.wing.progress import tell_above, tell_approach, tell_braking, tell_position, tell_rotors
 
 __all__ = [
     "SLOW",
@@ -43,10 +44,14 @@ THERE, SLOW = 2.0, 1.0
 
 _GRAVITY = 9.80665
 _FLYING_SPEED = 5.0  # m/s, from which on it banks
-_APPROACH = 250.0  # m from its place, from which on it flies at AIRSPEED_MIN
 _TOO_SLOW = 0.75  # of AIRSPEED_MIN, below which the rotors help
 _GENTLE = 0.25  # rad, greatest bank while the rotors carry it
-_TO_FW, _MC, _FW = 1, 3, 4  # MAV_VTOL_STATE
+_TO_FW, _TO_MC, _MC, _FW = 1, 2, 3, 4  # MAV_VTOL_STATE
+_MARGIN = 2.0  # s before the distance within which it can stop, from which on the rotors brake
+_BRAKING = 1.0  # s, at least
+_TOO_FAST, _FASTER = 1.2, 2.0  # of the speed from which it can stop, and m/s above it
+_SLOWER = 2.0  # m/s below AIRSPEED_MIN
+_ASTRAY = math.cos(math.radians(60.0))
 
 TRANSITION_PARAMETERS = (
     real("Q_TRANSITION_MS", "ms", 5000.0, "time within which the wing takes over from the rotors", 1.0),
@@ -58,6 +63,8 @@ TRANSITION_MEMORY = (
     Memory("told_wing", dtype="?"),  # that the transition to the wing began, and that it is done
     Memory("told_done", dtype="?"),
     Memory("lift_before"),  # mean thrust of the rotors by then
+    Memory("braking", dtype="?"),  # the rotors run as air brakes
+    Memory("braking_since", rare=True),  # s
 )
 
 
@@ -120,26 +127,76 @@ def on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float)
 
 
 @kernel
+def _begin_braking(m: Any, distance: float, t: float) -> None:
+    m.braking, m.braking_since = True, t
+    m.lift_trim = 0.0
+    tell_braking(m, distance)
+
+
+@kernel
+def _has_braked(m: Any, n: float, e: float, distance: float, speed: float, t: float) -> bool:
+    """Returns whether the rotors alone take over; tells it."""
+    if t - m.braking_since <= _BRAKING - 1e-9:
+        return False
+    wanted = min(math.sqrt(2.0 * m.Q_TRANS_DECEL * distance), float(m.AIRSPEED_CRUISE)) if distance >= 1.0 else 0.0
+    ahead = (m.velocity[0] * (n - m.position[0]) + m.velocity[1] * (e - m.position[1])) / max(distance, 1e-3)
+    if not (
+        speed < m.AIRSPEED_MIN - _SLOWER or speed > max(_TOO_FAST * wanted, wanted + _FASTER) or ahead < _ASTRAY * speed
+    ):
+        return False
+    tell_position(m, distance, wanted)
+    return True
+
+
+@kernel
+def _take_over(m: Any) -> None:
+    m.vtol, m.braking = True, False
+    m.lift_trim = 0.0
+    m.arrival_speed = max(speed_of(m), 0.02 * m.Q_WP_SPEED)
+
+
+@kernel
+def _brake(m: Any, bank: float, d: float, h: float) -> None:
+    """Flies on the wing with the rotors running."""
+    gentle = clip(bank, -_GENTLE, _GENTLE)
+    turn = _GRAVITY * math.tan(gentle) / max(speed_of(m), m.AIRSPEED_MIN)
+    fly(m, gentle, d, cruise_speed(m), h)
+    lift_off(m, gentle, turn, d, 1.0, h)
+
+
+@kernel
 def travel(m: Any, n: float, e: float, d: float, t: float, h: float) -> bool:
     """Flies to a place, on the wing from afar and on the rotors at its end; returns whether it hovers there."""
     distance, speed = distance_to(m, n, e), speed_of(m)
+    runs = m.lift > 0.0
     if n != m.seen[0] or e != m.seen[1]:
         m.seen[0], m.seen[1] = n, e
+        m.braking, m.arrival_speed = False, 0.0
         if m.vtol and distance > m.WP_LOITER_RAD:
             m.vtol = False
             m.fast_since = -1.0
             m.told_wing = False
-        tell_approach(m, distance)
-    if not m.vtol and distance < 0.5 * speed * speed / m.Q_TRANS_DECEL:
-        m.vtol = True
-        m.lift_trim = 0.0
+        if tell_approach(m, distance) and not m.vtol and not runs:
+            _begin_braking(m, distance, t)
+    if m.braking:
+        if _has_braked(m, n, e, distance, speed, t):
+            _take_over(m)
+    elif not m.vtol and runs and distance < 0.5 * speed * speed / m.Q_TRANS_DECEL:
+        _take_over(m)
         tell_rotors(m, distance)
+    elif not m.vtol and not runs and distance < 0.5 * speed * speed / m.Q_TRANS_DECEL + _MARGIN * speed:
+        _begin_braking(m, distance, t)
     if m.vtol:
+        if speed < 0.01 * m.Q_WP_SPEED:
+            m.arrival_speed = 0.0
         tell_above(m, distance)
         hover(m, n, e, d, h)
         return distance < THERE and speed < SLOW
-    course = math.atan2(e - m.position[1], n - m.position[0])
-    on_wing(m, bank_for(m, course, 0.0), d, m.AIRSPEED_MIN if distance < _APPROACH else cruise_speed(m), t, h)
+    course = bank_for(m, math.atan2(e - m.position[1], n - m.position[0]), 0.0)
+    if m.braking:
+        _brake(m, course, d, h)
+    else:
+        on_wing(m, course, d, cruise_speed(m), t, h)
     return False
 
 
@@ -164,4 +221,6 @@ def on_wing_alone(m: Any, t: float) -> bool:
 @kernel
 def vtol_state(m: Any, t: float) -> int:
     """Returns the MAV_VTOL_STATE."""
+    if m.braking:
+        return _TO_MC
     return _MC if m.vtol else _TO_FW if _is_rising(m, t) else _FW
