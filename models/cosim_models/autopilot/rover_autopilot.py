@@ -71,7 +71,7 @@ from cosim_models.autopilot.gcs.record import (
 from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.switches import HIGH, start_switches, switch_parameters, switches
-from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, home_here, local_target
+from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, home_here, local_target, say_home
 from cosim_models.autopilot.gcs.words import (
     ARM_STOPPED,
     DESTINATION,
@@ -262,6 +262,7 @@ def _use_own(m: Any, function: int, at: int, t: float) -> bool:  # noqa: ARG001
                 say(m, MAV_SEVERITY_NOTICE, SAVED_NONE, 0)
                 m.home_set = False
                 home_here(m)
+                say_home(m)
     elif function == _GPS:
         m.gps_off = at == HIGH
     else:

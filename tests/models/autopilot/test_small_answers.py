@@ -137,6 +137,9 @@ def test_a_rover_returns_to_the_home_that_was_set() -> None:
     assert p.m.home[:2].tolist() == pytest.approx([30.0, 10.0], abs=0.1)  # it stays
     assert p.ask(HOME, 1) == ACCEPTED
     assert p.m.home[:2].tolist() == pytest.approx(p.place[:2], abs=1e-6)
+    told(p)
+    assert set_home(p, 0.0, 0.0) == ACCEPTED
+    assert told(p) == [(INFO, "Set HOME to -35.363262 149.165237 at 584.00m")]
 
 
 def test_a_higher_home_does_not_lift_a_plane_off_the_ground() -> None:

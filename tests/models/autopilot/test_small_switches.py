@@ -157,7 +157,9 @@ def test_a_rover_saves_waypoints() -> None:
     assert p.ask(ARM, 0) == ACCEPTED
     switch(p, LOW)
     p.hold(0.4, (1500, 0, 1500, 0, 0, 0, HIGH), 0.4)
-    assert (NOTICE, "SaveWP: Mission cleared!") in texts(p)
+    said = texts(p)
+    assert said[1] == (NOTICE, "SaveWP: Mission cleared!")
+    assert said[2][1].startswith("Set HOME to -35.36") and said[2][1].endswith(" at 584.00m")
     assert p.m.mission_count == 0
 
 

@@ -91,7 +91,7 @@ from cosim_models.autopilot.gcs.rows import ROWS, group_of, is_absent, row_of
 from cosim_models.autopilot.gcs.sending import can_answer, send
 from cosim_models.autopilot.gcs.sensors import put_terrain
 from cosim_models.autopilot.gcs.streams import ready, send_message, set_interval
-from cosim_models.autopilot.gcs.targets import go_to, is_place, locate
+from cosim_models.autopilot.gcs.targets import go_to, is_place, locate, say_home
 from cosim_models.autopilot.gcs.words import (
     FENCE_FETCH_BAD,
     FENCE_FETCH_OLD,
@@ -232,6 +232,8 @@ def _set_home(m: Any, p1: float, frame: int, lat: int, lon: int, z: float, t: fl
         n, e, d = locate(m, frame, lat, lon, z)
     m.home[0], m.home[1], m.home[2] = n, e, d
     m.home_set = True
+    if m.kind in (MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT):
+        say_home(m)
     _tell_home(m, t)
     return MAV_RESULT_ACCEPTED
 

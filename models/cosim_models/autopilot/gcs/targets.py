@@ -11,7 +11,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import local_from_geodetic, radians_from_deg_e7
+import numpy as np
+
+from cosim.frames import deg_e7, geodetic_from_local, local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_FRAME_BODY_NED,
@@ -24,14 +26,17 @@ from cosim.messages import (
     MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
     MAV_FRAME_LOCAL_NED,
     MAV_FRAME_LOCAL_OFFSET_NED,
+    MAV_SEVERITY_INFO,
     SET_POSITION_TARGET_GLOBAL_INT,
     decode_set_position_target_global_int,
     decode_set_position_target_local_ned,
 )
 from cosim_models.autopilot.gcs.record import ACCELERATION, HOLD, POSITION, POSITION_VELOCITY, VELOCITY
 from cosim_models.autopilot.gcs.streams import heading
+from cosim_models.autopilot.gcs.words import HOME_SET, say_figures
 
 __all__ = ["global_target", "go_to", "height_target", "hold_here", "home_here", "is_place", "local_target", "locate"]
+__all__ += ["say_home"]
 
 _NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x0007, 0x0038, 0x01C0  # sums of POSITION_TARGET_TYPEMASK_*_IGNORE
 _ONLY_HEIGHT, _NO_HEIGHT = 0x0003, 0x0004  # no latitude and longitude; no height
@@ -79,6 +84,17 @@ def home_here(m: Any) -> None:
     if not m.home_set:
         for i in range(3):
             m.home[i] = m.position[i]
+
+
+@kernel
+def say_home(m: Any) -> None:
+    """Says where home is, in ArduRover's words and with its single precision."""
+    lat, lon, alt = geodetic_from_local(
+        m.home[0], m.home[1], m.home[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+    )
+    degree = np.float32(1e-7)
+    x, y = np.float64(np.float32(deg_e7(lat)) * degree), np.float64(np.float32(deg_e7(lon)) * degree)
+    say_figures(m, MAV_SEVERITY_INFO, HOME_SET, (x, y, alt, 0.0))
 
 
 @kernel

@@ -45,6 +45,7 @@ __all__ = [
     "FLYING",
     "GROUNDSPEED",
     "GYROS_STARTED",
+    "HOME_SET",
     "INITIALISING",
     "IN_USE",
     "LANDED",
@@ -198,6 +199,7 @@ _WORDS = (
     "SaveWP: Mission cleared!",
     "VTOL airbrake v=~ d=% sd=% h=~",
     "VTOL position1 v=~ d=~ h=~ dc=~",
+    "Set HOME to ^ ^ at $m",
     *(f"RC%: {name} {at}" for name in _FUNCTIONS.values() for at in ("LOW", "MIDDLE", "HIGH")),
 )
 (
@@ -285,6 +287,7 @@ _WORDS = (
     SAVED_NONE,
     BRAKES,
     BRAKED,
+    HOME_SET,
     SWITCHES,
     *_SWITCHES_MORE,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
@@ -295,13 +298,15 @@ _TEXT = np.zeros((len(_WORDS), _SIZE), np.uint8)
 for _row, _words in enumerate(_WORDS):
     _TEXT[_row, : len(_words)] = np.frombuffer(_words.encode(), np.uint8)
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
-_PERCENT, _TENTHS, _HUNDREDTHS, _POINT, _MINUS, _ZERO = b"%~$.-0"
+_PERCENT, _TENTHS, _HUNDREDTHS, _MILLIONTHS, _POINT, _MINUS, _ZERO = b"%~$^.-0"
 
 
 @kernel
 def _put_figure(m: Any, at: int, value: float, decimals: int) -> int:
-    """Writes a number at a place of the text, with up to two decimals; returns the place behind it."""
-    one = 1 if decimals == 0 else 10 if decimals == 1 else 100
+    """Writes a number at a place of the text, with so many decimals; returns the place behind it."""
+    one = 1
+    for _ in range(decimals):
+        one *= 10
     size = int(one * abs(value) + 0.5)
     if value < 0.0 and size > 0:
         put_statustext_text(m.payload, at, _MINUS)
@@ -320,8 +325,16 @@ def _put_figure(m: Any, at: int, value: float, decimals: int) -> int:
 
 
 @kernel
+def _decimals(byte: int) -> int:
+    """Returns the decimals of the figure in the place of a byte of a text, -1 if that is no such place."""
+    if byte == _PERCENT:
+        return 0
+    return 1 if byte == _TENTHS else 2 if byte == _HUNDREDTHS else 6 if byte == _MILLIONTHS else -1
+
+
+@kernel
 def say_figures(m: Any, severity: int, text: int, figures: tuple[float, float, float, float]) -> None:
-    """Sends a STATUSTEXT with figures in the places of its "%" (no decimals), "~" (one) and "$" (two), in this order.
+    """Sends a STATUSTEXT with figures in the places of its "%" (no decimals), "~" (one), "$" (two) and "^" (six).
 
     If there is no room, it is left out.
     """
@@ -333,8 +346,9 @@ def say_figures(m: Any, severity: int, text: int, figures: tuple[float, float, f
         byte = int(_TEXT[text, i])
         if byte == 0:
             break
-        if byte in (_PERCENT, _TENTHS, _HUNDREDTHS):
-            at = _put_figure(m, at, figures[used], 0 if byte == _PERCENT else 1 if byte == _TENTHS else 2)
+        decimals = _decimals(byte)
+        if decimals >= 0:
+            at = _put_figure(m, at, figures[used], decimals)
             used += 1
         else:
             put_statustext_text(m.payload, at, byte)
