@@ -116,6 +116,12 @@ class _Timed:
         return ((0.0, message) for message in self._messages)
 
 
+def asked(question: Question, answer: Answer) -> Answer:
+    """The answer without messages that come unasked on the ground."""
+    unasked = HOME - set(question.reply or ()) if question.state == GROUND else set()
+    return Answer(answer.result, answer.texts, tuple(name for name in answer.reply if name not in unasked))
+
+
 def ask_ours(kind: Kind) -> dict[str, Answer]:
     """Asks our autopilot on the default vehicle; each question finds the same state."""
     answers: dict[str, Answer] = {}
@@ -134,7 +140,7 @@ def ask_ours(kind: Kind) -> dict[str, Answer]:
                 pair.step = step
                 for record, content in zip(records, kept, strict=True):
                     restore(record, content)
-                answers[question.name] = pair.answer(question)
+                answers[question.name] = asked(question, pair.answer(question))
     return answers
 
 
@@ -175,11 +181,8 @@ def ask_real(kind: Kind, folder: Path) -> dict[str, Answer]:
                 one = begun(kind, folder / f"{state}{number}", state)
                 before = state_of(one)
             try:
-                answer = answers[question.name] = heard(one, question)
-                if state == GROUND:
-                    unasked = HOME - set(question.reply or ())
-                    reply = tuple(name for name in answer.reply if name not in unasked)
-                    answers[question.name] = Answer(answer.result, answer.texts, reply)
+                answer = heard(one, question)
+                answers[question.name] = asked(question, answer)
                 if question.name.startswith("SET_MESSAGE_INTERVAL"):
                     one.send(*(long(511, number, -1) for number in (30, 31, 33, 83, 105, 100, 132)))
                 same = state_of(one) == before and not any(text.startswith("Transition") for text in answer.texts)

@@ -44,7 +44,7 @@ from cosim.messages import (
     MAV_TYPE_FIXED_WING,
 )
 from cosim.vehicle import Airframe
-from cosim_models.autopilot.gcs.commands import firmware, receiver, told
+from cosim_models.autopilot.gcs.commands import firmware, receiver, repeat_home, told
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
     continue_upload,
@@ -73,7 +73,7 @@ from cosim_models.autopilot.wing.flight import (
     take_off,
     wing_parameters,
 )
-from cosim_models.autopilot.wing.functions import MODE_FUNCTIONS, SWITCHED_MODES, use_own
+from cosim_models.autopilot.wing.functions import MODE_FUNCTIONS, SWITCHED_MODES, own_functions
 from cosim_models.autopilot.wing.piloted import (
     PILOT_MEMORY,
     PILOT_PARAMETERS,
@@ -192,7 +192,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     return MAV_RESULT_ACCEPTED
 
 
-_use_switch, _watch_switches = switches(VARIABLES, "FLTMODE", MODE_FUNCTIONS, True, _enter, _arm, use_own)
+_use_switch, _watch_switches = switches(VARIABLES, "FLTMODE", MODE_FUNCTIONS, True, _enter, _arm, own_functions(_arm))
 
 
 @kernel
@@ -336,6 +336,8 @@ def advance(m: Any, t: float, h: float) -> int:
         _watch_switches(m, t)
     if not m.armed:
         home_here(m)
+        if t >= m.home_due:
+            repeat_home(m, t)
         m.rotated, m.elevator_trim = False, 0.0
         rest(m)
     speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])

@@ -47,7 +47,7 @@ from cosim.messages import (
     MAV_TYPE_VTOL_QUADROTOR,
 )
 from cosim.vehicle import Airframe
-from cosim_models.autopilot.gcs.commands import firmware, receiver, told
+from cosim_models.autopilot.gcs.commands import firmware, receiver, repeat_home, told
 from cosim_models.autopilot.gcs.devices import continue_motor_test
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
@@ -88,7 +88,7 @@ from cosim_models.autopilot.wing.flight import (
     take_off,
     wing_parameters,
 )
-from cosim_models.autopilot.wing.functions import MODE_FUNCTIONS, SWITCHED_MODES, use_own
+from cosim_models.autopilot.wing.functions import MODE_FUNCTIONS, SWITCHED_MODES, own_functions
 from cosim_models.autopilot.wing.hover import HOVER_MEMORY, HOVER_PARAMETERS, hover, no_lift, sink
 from cosim_models.autopilot.wing.lifted import LIFT_MEMORY, LIFT_PARAMETERS, begin_lifted, by_rotors, lifts_off
 from cosim_models.autopilot.wing.piloted import (
@@ -298,7 +298,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     return MAV_RESULT_ACCEPTED
 
 
-_use_switch, _watch_switches = switches(VARIABLES, "FLTMODE", MODE_FUNCTIONS, True, _enter, _arm, use_own)
+_use_switch, _watch_switches = switches(VARIABLES, "FLTMODE", MODE_FUNCTIONS, True, _enter, _arm, own_functions(_arm))
 
 
 @kernel
@@ -568,6 +568,8 @@ def advance(m: Any, t: float, h: float) -> int:
         _watch_switches(m, t)
     if not m.armed:
         home_here(m)
+        if t >= m.home_due:
+            repeat_home(m, t)
         m.rotated, m.elevator_trim, m.held_heading = False, 0.0, heading(m)
     m.on_ground = not m.armed or (m.ground_down - m.position[2] < _FLYING_HEIGHT and speed_of(m) < _FLYING_SPEED)
     for i in range(3):

@@ -91,6 +91,7 @@ from cosim_models.autopilot.surface.failsafes import (
     failsafes,
     note_station,
 )
+from cosim_models.autopilot.surface.learning import LEARN_MEMORY, begin_learning, learn
 from cosim_models.autopilot.surface.piloted import (
     PILOT_MEMORY,
     PILOT_PARAMETERS,
@@ -153,8 +154,8 @@ _MODE_FUNCTIONS = (
     (59, _SIMPLE),
     (72, _CIRCLE),
 )
-_SAVE_WAYPOINT, _GPS = 7, 65
-_IDLE_FUNCTIONS = (50, 63, 74, 97, 155, 201, 202, 207, 211)  # to learn a cruise speed and trims, for sails and legs
+_SAVE_WAYPOINT, _LEARN, _GPS = 7, 50, 65
+_IDLE_FUNCTIONS = (63, 74, 97, 155, 201, 202, 207, 211)  # for sails, walking robots and the trim of the steering
 _NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
 
 VARIABLES = pilot_variables(
@@ -176,6 +177,7 @@ VARIABLES = pilot_variables(
         *CIRCLE_MEMORY,
         *TRACK_MEMORY,
         *FAILSAFE_MEMORY,
+        *LEARN_MEMORY,
         Memory("watch_next"),  # s, when the path or the fail-safes are due
         Memory("told_home", dtype="?", rare=True),  # that it has arrived there
     ),
@@ -251,7 +253,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
 
 
 @kernel
-def _use_own(m: Any, function: int, at: int, t: float) -> bool:  # noqa: ARG001
+def _use_own(m: Any, function: int, at: int, t: float) -> bool:
     """Does what a switch with a function of ArduRover alone does; returns whether it is one."""
     if function == _SAVE_WAYPOINT:
         if at == HIGH and m.mode != _AUTO:
@@ -265,6 +267,9 @@ def _use_own(m: Any, function: int, at: int, t: float) -> bool:  # noqa: ARG001
                 say_home(m)
     elif function == _GPS:
         m.gps_off = at == HIGH
+    elif function == _LEARN:
+        if at == HIGH:
+            begin_learning(m, t)
     else:
         return function in _IDLE_FUNCTIONS
     return True
@@ -456,6 +461,8 @@ def _watch(m: Any, t: float) -> None:
         record_track(m, t)
     if t >= m.failsafe_due:
         _watch_failsafes(m, t)
+        if m.learns:
+            learn(m, t)
     if t >= m.switch_due:
         _watch_switches(m, t)
     due = min(m.failsafe_due, m.switch_due)

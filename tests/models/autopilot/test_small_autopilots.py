@@ -113,6 +113,32 @@ def test_it_speaks_as_its_firmware(name: str) -> None:
     assert p.m.mode == kind.rtl
 
 
+def home_told(p: Pair, until: float) -> list[float]:
+    """Times at which HOME_POSITION and GPS_GLOBAL_ORIGIN come, to a tenth of a second."""
+    times = []
+    while p.time < until:
+        p.heard.clear()
+        p.one_step()
+        kinds = [m.get_type() for m in p.heard]
+        assert kinds.count("HOME_POSITION") == kinds.count("GPS_GLOBAL_ORIGIN")
+        times += [round(p.time, 1)] * kinds.count("HOME_POSITION")
+    return times
+
+
+@pytest.mark.parametrize(
+    ("name", "times"), [("rover", []), ("plane", [2.0, 8.0, 14.0, 20.0]), ("quadplane", [2.0, 8.0])]
+)
+def test_planes_repeat_their_home_until_they_are_armed_or_it_is_set(name: str, times: list[float]) -> None:
+    p = made(name)
+    assert home_told(p, times[-1] + 1.0 if times else 10.0) == times
+    assert p.ask(ARM, 1) == ACCEPTED
+    assert home_told(p, p.time + 8.0) == []
+    p = made(name)
+    p.until(3.0)
+    assert p.ask(mavlink.MAV_CMD_DO_SET_HOME, 1) == ACCEPTED
+    assert home_told(p, 10.0) == []
+
+
 @pytest.mark.parametrize("name", ["point mass", "rover"])
 def test_streams_come_at_the_rate_that_was_asked_for(name: str) -> None:
     p = made(name, values={"position_start[1]": 30.0, "position_start[2]": -20.0})

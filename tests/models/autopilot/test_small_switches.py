@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -14,6 +16,7 @@ INFO, NOTICE, CRITICAL = mavlink.MAV_SEVERITY_INFO, mavlink.MAV_SEVERITY_NOTICE,
 AUX = mavlink.MAV_CMD_DO_AUX_FUNCTION
 SAVE, RESET, RELAY, STOP, OVERRIDES, CLEAR, GPS = 7, 24, 28, 31, 46, 58, 65
 DISARM, SOURCE, SWITCH_RESET, ARM_DISARM, ARM_STOP, CALIBRATE = 81, 90, 96, 153, 165, 171
+LEARN, ARM_AIR_MODE = 50, 154
 
 
 def switch(p: Pair, pulse: int, number: int = 7, seconds: float = 0.5, **sticks: int) -> list[str]:
@@ -196,6 +199,17 @@ def test_the_first_position_of_a_switch_that_arms_does_not_act_where_the_receive
     assert not p.m.armed
 
 
+def test_arming_with_air_mode_is_known_to_planes_alone() -> None:
+    p = made("plane", pilot={"RC7_OPTION": ARM_AIR_MODE})
+    p.until(2.5)
+    for pulse, armed in ((HIGH, True), (MIDDLE, True), (LOW, False)):
+        switch(p, pulse, throttle=1000)
+        assert p.m.armed == armed, pulse
+    p = made("rover")
+    p.until(2.5)
+    assert p.ask(AUX, ARM_AIR_MODE, 2) == FAILED
+
+
 def test_a_plane_is_disarmed_in_the_air() -> None:
     p = flying("plane")
     assert p.ask(ARM, 0) == FAILED
@@ -259,6 +273,31 @@ def test_relays_sources_and_functions_without_a_part_on_board(kind: str) -> None
         assert p.ask(AUX, function, position) == result, function
         assert texts(p) == said
     assert p.ask(AUX, SAVE, 0) == (ACCEPTED if kind == "rover" else FAILED)
+
+
+def test_a_rover_learns_its_cruise_speed() -> None:
+    p = made("rover")
+    p.until(2.5)
+    texts(p)
+    assert p.ask(AUX, LEARN, 2) == ACCEPTED
+    assert texts(p) == [(CRITICAL, "Cruise Learning NOT started")]
+    assert p.ask(ARM, 1) == ACCEPTED
+    texts(p)
+    assert p.ask(AUX, LEARN, 2) == ACCEPTED
+    p.until(p.time + 3.0)
+    assert texts(p) == [(CRITICAL, "Cruise Learning started"), (CRITICAL, "Cruise Learning failed")]
+    p.hold(8.0, (1500, 0, 1718), 0.5)  # 188 of 470 us: 40 %
+    texts(p)
+    assert p.ask(AUX, LEARN, 2) == ACCEPTED
+    began = p.time
+    while p.m.learns:
+        p.hold(0.0125, (1500, 0, 1718), 0.0125)
+    assert p.time - began == pytest.approx(2.0, abs=0.15)
+    speed = math.hypot(*p.v.velocity[:2])
+    assert p.m.CRUISE_THROTTLE in (39.0, 40.0)
+    assert pytest.approx(speed, rel=0.02) == p.m.CRUISE_SPEED and speed > 6.0
+    thr = int(p.m.CRUISE_THROTTLE)
+    assert texts(p)[-1] == (CRITICAL, f"Cruise Learned: Thr:{thr} Speed:{p.m.CRUISE_SPEED:.1f}")
 
 
 def test_overrides_may_be_forbidden() -> None:

@@ -107,7 +107,7 @@ from cosim_models.autopilot.gcs.words import (
 )
 from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILABLE_MODES_MONITOR, ask_for_modes
 
-__all__ = ["Firmware", "firmware", "receiver", "told"]
+__all__ = ["Firmware", "firmware", "receiver", "repeat_home", "told"]
 
 _FORCE = 21196.0  # param2 of COMPONENT_ARM_DISARM
 _WHOLE = 2147483647.0
@@ -115,6 +115,7 @@ _FRAMES = (0, 3, 5, 6, 10, 11)  # MAV_FRAMEs whose heights refer to the sea, hom
 _COMMAND_ACK = cast(int, np.int64(COMMAND_ACK))
 _MISSION_ACK = cast(int, np.int64(MISSION_ACK))
 _LOG_ENTRY = cast(int, np.int64(LOG_ENTRY))
+_HOME_AGAIN = 6.0  # s
 _MONITORED = 5.0  # s between AVAILABLE_MODES_MONITORs after the first request for modes
 _TERRAIN = cast(int, np.int64(TERRAIN_REPORT))
 _ABOVE_HOME = (3, 6)  # MAV_FRAMEs
@@ -212,6 +213,16 @@ def _tell_home(m: Any, t: float) -> int:
     result = _request_message(m, float(HOME_POSITION), 0.0, t)
     _request_message(m, float(GPS_GLOBAL_ORIGIN), 0.0, t)
     return result
+
+
+@kernel
+def repeat_home(m: Any, t: float) -> None:
+    """Tells home again, as ArduPlane does while it is disarmed and home follows it; required from m.home_due on."""
+    m.home_due = m.estimate_ready_time
+    if ready(m, t):
+        m.home_due = t + _HOME_AGAIN - 1e-9
+        if not m.home_set:
+            _tell_home(m, t)
 
 
 @kernel

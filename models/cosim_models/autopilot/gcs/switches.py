@@ -33,10 +33,20 @@ from cosim_models.autopilot.gcs.devices import set_relay
 from cosim_models.autopilot.gcs.sticks import CHANNELS, overridden, pulse_of, receiver_pulse
 from cosim_models.autopilot.gcs.words import COMPASS_ARMED, EKF_SOURCE, NO_OPTION, SWITCHES, TOLD, say
 
-__all__ = ["HIGH", "SWITCH_MEMORY", "return_to_switch", "start_switches", "switch_parameters", "switches"]
+__all__ = [
+    "ARM_AIR_MODE",
+    "HIGH",
+    "SWITCH_MEMORY",
+    "return_to_switch",
+    "start_switches",
+    "switch_parameters",
+    "switches",
+]
 
 HIGH = cast(int, np.int64(2))
 """The position of a switch with the longest pulse."""
+ARM_AIR_MODE = cast(int, np.int64(154))
+"""Auxiliary function of ArduPlane that arms and disarms."""
 _LOW, _MIDDLE = 0, 1
 _PERIOD = 0.1  # s
 _NEVER = 1e300
@@ -230,7 +240,7 @@ def switches(
 
     @kernel
     def watch_function(m: Any, i: int, option: int, t: float) -> None:
-        arms = option in (_ARM_DISARM, _ARM_STOP)
+        arms = option in (_ARM_DISARM, ARM_AIR_MODE, _ARM_STOP)
         if not has_moved(m, i, pulse_of(m, i, t), receiver_pulse(m, i), arms, t):
             return
         position = int(m.aux_position[i])

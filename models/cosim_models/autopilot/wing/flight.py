@@ -66,6 +66,7 @@ _PARAMETERS = (
     real("RTL_ALTITUDE", "m", 100.0, "height above home of the return", 0.0),
 )
 WING_MEMORY = (
+    Memory("home_due"),  # s, when home is told again
     Memory("throttle_trim"),  # integral of the total energy
     Memory("pitch_trim"),  # rad, integral of the energy balance
     Memory("elevator_trim"),
