@@ -61,6 +61,7 @@ def test_run(run: Any, system: Path, tmp_path: Path) -> None:
 def test_quiet_leaves_out_findings_that_are_notes(run: Any, system: Path) -> None:
     code, stdout, stderr = run("run", str(system), "-o", "results")
     assert code == 0 and re.search(r"^note +open input +nothing drives a\.n, b\.n", stderr, re.MULTILINE), stderr
+    assert re.search(r"^finding +time \[s\] +about *$", stderr, re.MULTILINE), stderr
     assert stdout.startswith("done: 2 s simulated"), "notes are not counted"
     assert run("-q", "run", str(system), "-o", "results") == (0, "", "")
     assert run("check", str(system), "-q") == (0, "", "")

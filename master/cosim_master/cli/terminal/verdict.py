@@ -31,7 +31,7 @@ def show_findings(verdict: Judgement | None) -> None:
         return
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in ("finding", "time [s]", "about", ""):
-        table.add_column(column, justify="right" if column == "time [s]" else "left", no_wrap=column != "")
+        table.add_column(Text(column), justify="right" if column == "time [s]" else "left", no_wrap=column != "")
     shown: Counter[tuple[str, str]] = Counter()
     for finding in findings:
         key = (finding.kind, finding.severity)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
+from rich.text import Text
 
 if TYPE_CHECKING:
     from cosim_master.execution.partitions.cut import Cut
@@ -60,7 +61,7 @@ def partition_tables(document: Mapping[str, Any]) -> Iterator[Table | str]:
     for one in document["parts"]:
         nodes = one["nodes"]
         named = ", ".join(nodes[:_SHOWN]) + (f" and {len(nodes) - _SHOWN} more" if len(nodes) > _SHOWN else "")
-        table.add_row(str(one["part"]), str(one["instances"]), named, f"{one['bytes']} B")
+        table.add_row(str(one["part"]), str(one["instances"]), Text(named), f"{one['bytes']} B")
     yield table
     ahead = document["lookahead_s"]
     limited = "nothing crosses" if ahead is None else f"{document['limit']} takes {ahead:g} s"
