@@ -123,16 +123,19 @@ def build(
         ValueError: the declaration is wrong, a target or the FMI version is unknown, or an interpreted FMI 3 FMU was
             requested (pythonfmu supports FMI 2 only).
         CannotCompile: the kernels cannot be compiled, or an FMI 3 FMU was requested for a model without kernels.
-        RuntimeError: the C compiler failed, or pythonfmu contains no binaries.
+        RuntimeError: the C compiler failed, pythonfmu contains no binaries, or the FMU cannot be written.
     """
     file, compile_it, sources, stamp = _wanted(model, folder, interpreted, targets, fmi, checked)
     if (built := _up_to_date(file, stamp)) is not None:
         return built
-    folder.mkdir(parents=True, exist_ok=True)
-    if compile_it:
-        build_compiled(model, sources, stamp, file, stamp["targets"], fmi, checked=stamp["checked"])
-    else:
-        build_interpreted(model, sources, stamp, file)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if compile_it:
+            build_compiled(model, sources, stamp, file, stamp["targets"], fmi, checked=stamp["checked"])
+        else:
+            build_interpreted(model, sources, stamp, file)
+    except OSError as error:
+        raise RuntimeError(f"{error.filename or file}: cannot be written: {error.strerror or error}") from error
     return Built(file, compile_it, fresh=False)
 
 

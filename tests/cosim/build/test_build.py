@@ -661,6 +661,13 @@ def test_models_of_a_package() -> None:
         models_of_package("no_such_package")
 
 
+def test_a_place_that_cannot_be_written(samples: SimpleNamespace, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for interpreted in (False, True):
+        with pytest.raises(RuntimeError, match=rf"^{tmp_path}/file/fmus: cannot be written: Not a directory$"):
+            build(samples.Plant, tmp_path / "file" / "fmus", interpreted=interpreted)
+
+
 def test_load_models_of_nothing(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"nowhere.py: no such file"):
         load_models(str(tmp_path / "nowhere.py"))

@@ -349,6 +349,12 @@ def test_build(run: Any, tmp_path: Path) -> None:
     assert code == 2 and "nowhere.py: no such file" in stderr
 
 
+def test_build_into_a_place_that_cannot_be_written(run: Any, tmp_path: Path) -> None:
+    (tmp_path / "cli_nowhere.py").write_text(RAISING.replace("CliRaising", "CliNowhere"))
+    code, stdout, stderr = run("build", "cli_nowhere.py", "-o", "cli_nowhere.py/fmus")
+    assert (code, stdout, stderr) == (1, "", "error: cli_nowhere.py/fmus: cannot be written: Not a directory\n")
+
+
 def test_build_of_all_models_leaves_out_those_that_fmi_3_cannot_have(
     run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -79,6 +79,13 @@ def test_bombs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         archive.member_names(tmp_path / "b.zip", "b.zip")
 
 
+def test_packing_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("a")
+    with pytest.raises(FileNotFoundError):
+        archive.pack({"a": tmp_path / "a", "b": tmp_path / "gone"}, tmp_path / "a.zip")
+    assert [file.name for file in tmp_path.iterdir()] == ["a"]
+
+
 def test_a_size_that_is_a_lie_is_found_while_unpacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = bytearray(made(tmp_path / "a.zip", ("x", b"0" * 2000)).read_bytes())
     at = data.index(b"PK\x01\x02")

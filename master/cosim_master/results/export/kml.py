@@ -36,7 +36,8 @@ def export(run: Path, file: Path, options: Options) -> list[str]:
     for n, vehicle in enumerate(tracks.vehicles):
         colour = colorsys.hsv_to_rgb(n / len(tracks.vehicles), 0.9, 1.0)
         _place(document, vehicle, times, geodetic(vehicle.position, tracks.origin), colour)
-    etree.ElementTree(root).write(str(file), xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    with file.open("wb") as sink:  # lxml's own errors of files have no reason
+        etree.ElementTree(root).write(sink, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     if len(tracks.time) < len(everything.time):
         kept = f"{len(tracks.time)} of {len(everything.time)} recorded instants"
         return [f"{kept} are written, at most {RATE:g} per second"]

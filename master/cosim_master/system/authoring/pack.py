@@ -14,6 +14,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -123,7 +124,8 @@ def _write(packing: _Packing, checked: CheckedSystem, out: Path) -> None:
         text = f"cannot be written: {error.strerror or error}"
         raise SystemDescriptionError([Problem(Where(str(out)), text)]) from None
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink()
 
 
 class _Packing:

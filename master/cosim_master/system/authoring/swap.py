@@ -57,7 +57,8 @@ def swap(
 
     Raises:
         SystemDescriptionError: the system is invalid, the component does not exist, or the FMU does not match its
-            connectors and parameters; all mismatches are reported at once. Then nothing has been written.
+            connectors and parameters; all mismatches are reported at once. Or `out` cannot be written. Then nothing has
+            been written.
     """
     with read_system(system) as structure:
         chains = _chains(structure, component)
@@ -440,9 +441,15 @@ class _Edition:
 
     def write(self) -> None:
         """Writes the new system to a temporary place first, so that a failure leaves no half-written files."""
-        if self.in_place and not self.packing:
-            self._write_changed()
-            return
+        try:
+            if self.in_place and not self.packing:
+                self._write_changed()
+            else:
+                self._write_new()
+        except OSError as error:
+            raise _refusal(str(self.root), f"cannot be written: {error.strerror or error}") from None
+
+    def _write_new(self) -> None:
         self.root.parent.mkdir(parents=True, exist_ok=True)
         part = self.root.with_name(self.root.name + ".part")
         shutil.rmtree(part, ignore_errors=True)

@@ -343,6 +343,13 @@ def test_origins(flown: Path, tmp_path: Path) -> None:
         export_run(edited(flown, tmp_path / "b", different), NAMED["kml"], tmp_path / "b.kml", Options())
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("name", ["csv", "kml", "gpx", "mat"])
+def test_a_full_disk(flown: Path, name: str) -> None:
+    with pytest.raises(CosimError, match=r"^/dev/full: cannot be written: No space left on device$"):
+        export_run(flown, NAMED[name], Path("/dev/full"), Options())
+
+
 @pytest.mark.parametrize("text", ["48.1", "48.1,11.6,high", "95,0,0", "nan,0,0", "1,2,3,4"])
 def test_an_origin_that_is_no_place(text: str) -> None:
     with pytest.raises(CosimError, match=f"origin {text}: "):

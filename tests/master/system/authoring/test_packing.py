@@ -196,6 +196,7 @@ def test_what_is_refused(system: Path, tmp_path: Path) -> None:
     assert "exists; give another name, or --force" in refusal(system, there)
     assert "is the system itself" in refusal(there, there, overwrite=True)
     assert pack(system, there, overwrite=True).path.read_bytes() == before
+    assert "x.ssp: cannot be written: Not a directory" in refusal(system, tmp_path / "mm.json" / "in" / "x.ssp")
     (tmp_path / "fmus/plant.fmu").unlink()
     assert "does not exist" in refusal(system, there, overwrite=True)
     assert there.read_bytes() == before

@@ -343,6 +343,11 @@ class TestWhatIsRefused:
         text = refusal(system, "drone3.vehicle", workshop.root / "fmus/Hexarotor.fmu", workshop.root / "fmus")
         assert "fmus: exists already" in text
 
+    def test_a_place_that_cannot_be_written(self, system: Path, workshop: Any) -> None:
+        hexarotor = workshop.root / "fmus/Hexarotor.fmu"
+        text = refusal(system, "drone3.vehicle", hexarotor, hexarotor / "in" / "swapped")
+        assert text == f"{hexarotor}/in/swapped: cannot be written: Not a directory"
+
     def test_an_fmu_that_does_not_fit_names_every_mismatch(self, system: Path, workshop: Any, variable: Any) -> None:
         workshop.fmu("fmus/Bad.fmu", variable("motor", kind="Boolean"), variable("position", "output", unit="s"))
         before = tree(system)

@@ -266,6 +266,10 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
     assert [*tmp_path.iterdir()] == []
     (tmp_path / "there").mkdir()
     assert refused(swarm, "save", tmp_path / "there") == f"{tmp_path / 'there'}: exists already"
+    swarm, place = Swarm("pair", like="rendezvous"), tmp_path / "file" / "pair"
+    swarm.add(position=(0.0, 0.0))
+    place.parent.write_text("")
+    assert refused(swarm, "save", place) == f"{place}: cannot be written: Not a directory"
 
 
 @pytest.mark.parametrize(

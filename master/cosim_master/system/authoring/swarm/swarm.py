@@ -274,7 +274,7 @@ class Swarm:
         The files are read back, compared and checked; a system that `check` refuses is removed.
 
         Raises:
-            SystemDescriptionError: the folder exists, the swarm is empty, or `check` refuses it.
+            SystemDescriptionError: the folder exists or cannot be written, the swarm is empty, or `check` refuses it.
         """
         target = Path(folder)
         if target.exists():
@@ -283,8 +283,8 @@ class Swarm:
             raise wrong(self.name, "has no drones: add() them")
         part = target.with_name(f".{target.name}.part")
         shutil.rmtree(part, ignore_errors=True)
-        part.mkdir(parents=True)
         try:
+            part.mkdir(parents=True)
             description = self._description()
             root, kinds = description.root(part)
             for file, drone in kinds.items():
