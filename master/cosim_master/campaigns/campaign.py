@@ -18,7 +18,7 @@ from cosim_master.campaigns.refusal import refusal
 from cosim_master.campaigns.running.cluster import Cluster, cluster
 from cosim_master.campaigns.running.place import Place, look_at
 from cosim_master.campaigns.running.prefix import groups, make_prefix
-from cosim_master.campaigns.running.task import CRASHED, perform, row_without_run
+from cosim_master.campaigns.running.task import BAD, CRASHED, perform, row_without_run
 from cosim_master.campaigns.search import batches
 from cosim_master.campaigns.study.study import Planned, Study
 from cosim_master.diagnostics.errors import CosimError
@@ -96,7 +96,7 @@ class Campaign:
     @property
     def bad(self) -> int:
         """The number of runs that failed, were refused, or crashed their worker."""
-        return sum(n for outcome, n in self.outcomes.items() if outcome in ("failed", "refused", CRASHED))
+        return sum(n for outcome, n in self.outcomes.items() if outcome in BAD)
 
     def table(self) -> pa.Table:
         """Returns the dataset, a row for each run."""
@@ -246,7 +246,7 @@ class _Made:
             self.progress(standing)
 
     def _bad(self) -> int:
-        return sum(one in ("failed", "refused", CRASHED) for one in self.folder.outcomes.values())
+        return sum(one in BAD for one in self.folder.outcomes.values())
 
     def _given(self, client: Any, todo: Sequence[tuple[bool, Sequence[Planned]]]) -> Iterator[tuple[Planned, Any]]:
         """Yields each run with its beginning, which is given to the workers when its first run is."""

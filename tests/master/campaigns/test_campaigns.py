@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
 from cosim_master.campaigns.campaign import Campaign, sweep
-from cosim_master.campaigns.dataset.folder import read_runs, read_study
+from cosim_master.campaigns.dataset.folder import Folder, read_runs, read_study
 from cosim_master.campaigns.dataset.table import digest_of, schema_of, sorted_table
 from cosim_master.campaigns.metrics.metric import Metric
 from cosim_master.campaigns.running.options import commands
@@ -27,6 +28,7 @@ from cosim_master.campaigns.running.prefix import groups, make_prefix
 from cosim_master.campaigns.running.task import perform
 from cosim_master.campaigns.study.factors import Factor
 from cosim_master.campaigns.study.study import Study
+from cosim_master.cli import app
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
@@ -158,6 +160,20 @@ def test_a_run_that_fails_is_a_row_with_its_reason(fmus: Path) -> None:
     assert table.column("packets_lost").to_pylist()[2:] == [None, None]
 
 
+def test_the_command_says_why_the_first_run_failed(fmus: Path, tmp_path: Path) -> None:
+    """All runs have been made before, so no worker is needed."""
+    study = Study(system="line5", factors=(Factor.parsed("network.loss=0,5,6"),), metrics=metrics("packets_lost"))
+    study = replace(study, until=1.0)
+    with Folder(tmp_path / "out", study, look_at(study, study.runs()[0]).inputs) as folder:
+        for row in rows_of(study):
+            folder.add(row)
+    done = CliRunner().invoke(app, ["sweep", str(tmp_path / "out")])
+    assert (done.exit_code, done.stdout.splitlines()[0][:36]) == (1, "3 of 3 runs (1 done, 2 refused): 0 i")
+    said = "error: 2 of 3 runs failed; run 1: "
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("error: "))
+    assert line.startswith(said) and "network.loss=5" in line and line.endswith("`reason` has all reasons"), line
+
+
 def test_a_worker_with_other_files_is_refused(fmus: Path) -> None:
     study = Study(system="line5", metrics=metrics("packets_lost"), until=1.0)
     (run,) = study.runs()
@@ -177,6 +193,10 @@ def test_a_worker_with_other_files_is_refused(fmus: Path) -> None:
         (Study(system="line5", factors=(Factor.parsed("drone1.vehicle.wind[1]@90=1,2"),)), "from 0 to 84.9975 s"),
         (Study(system="line5", factors=(Factor.parsed("network.loss@90=0,1"),)), "not between 0 and 85 s"),
         (Study(system="lin5"), "lin5"),
+        (
+            Study(system="line5", keep=("drone*.vehicle.positio[1]",)),
+            r'^--keep .*positio\[1\]: matches no signal; did you mean "drone\*\.vehicle\.position\[1\]"',
+        ),
     ],
 )
 def test_a_study_that_does_not_fit_its_system_is_refused_before_anything_is_written(

@@ -13,6 +13,7 @@ from cosim_master.campaigns.metrics.built_in import players_of
 from cosim_master.campaigns.refusal import refusal
 from cosim_master.campaigns.study.study import Planned, Study
 from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.names import matching, near_pattern
 from cosim_master.execution.outcome.manifest import digest_of_system
 from cosim_master.execution.preparation.fingerprint import fingerprint_of
 from cosim_master.execution.preparation.prepare import Prepared, prepare
@@ -49,7 +50,8 @@ def look_at(study: Study, run: Planned) -> Place:
     """Reads and checks the system of a study with the values of one run.
 
     Raises:
-        SystemDescriptionError: the system or a value is wrong, or a metric needs a signal that does not exist.
+        SystemDescriptionError: the system or a value is wrong, a metric needs a signal that does not exist, or no
+            signal matches a pattern of those that are kept.
     """
     start, later = study.split(run.values)
     with read_system(study.system, study.variant) as read:
@@ -65,7 +67,7 @@ def look_at(study: Study, run: Planned) -> Place:
         system = digest_of_system(checked)
         found = fingerprint_of(checked, ready.clock, ready.network, ready.master, system=system)
         _refuse_times(study, ready)
-        record = tuple(dict.fromkeys([*_needed(study, checked), *study.keep]))
+        record = tuple(dict.fromkeys([*_needed(study, checked), *_kept(study, checked)]))
         first = next((f"{one.name}.{name}" for one in checked.instances for name in _signals(one.fmu, "output")), "")
         return Place(
             {name: digest for name, digest in found.items() if name not in ("seed", "changes")},
@@ -123,13 +125,26 @@ def _refuse_times(study: Study, ready: Prepared) -> None:
 
 def _needed(study: Study, checked: CheckedSystem) -> Sequence[str]:
     """Returns the signals that the metrics of a study need."""
-    units = {
+    players, units = players_of(checked), _units(checked)
+    return [name for metric in study.metrics for name in metric.signals(players, units)]
+
+
+def _kept(study: Study, checked: CheckedSystem) -> Sequence[str]:
+    """Returns the patterns of the signals that a study keeps; each matches a signal."""
+    units = _units(checked)
+    for pattern in study.keep:
+        if not matching(pattern, units):
+            raise refusal(f"--keep {pattern}", f"matches no signal; {near_pattern(pattern, units)}")
+    return study.keep
+
+
+def _units(checked: CheckedSystem) -> dict[str, str]:
+    """Returns the units of all signals that can be kept, by name."""
+    return {
         f"{one.name}.{name}": unit
         for one in checked.instances
         for name, unit in _signals(one.fmu, "output", "local").items()
     }
-    players = players_of(checked)
-    return [name for metric in study.metrics for name in metric.signals(players, units)]
 
 
 def _signals(fmu: FmuDescription, *causalities: str) -> dict[str, str]:

@@ -26,9 +26,10 @@ from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.simulate import simulate
 from cosim_master.stepping.observation import View
 
-__all__ = ["CRASHED", "REFUSED", "Ended", "perform", "row_without_run"]
+__all__ = ["BAD", "CRASHED", "REFUSED", "Ended", "perform", "row_without_run"]
 
 FAILED, REFUSED, CRASHED = "failed", "refused", "crashed"
+BAD = (FAILED, REFUSED, CRASHED)
 """Outcomes of runs without a result: their beginning failed, a value was wrong, or the process of the worker ended."""
 _ONE_AT_A_TIME = threading.Lock()
 """Workers of other schedulers may have several threads; FMUs of one process share it."""

@@ -231,9 +231,21 @@ def _report(campaign: Campaign) -> None:
         say(f"beginnings that several runs share: {campaign.shared}, each simulated once")
     say(f"results: {campaign.folder}")
     if campaign.bad:
-        report_error(f"{campaign.bad} runs failed; the column `reason` tells why")
+        report_error(_failed(campaign))
     if campaign.interrupted:
         note(f"interrupted; `uav-cosim sweep {campaign.folder}` goes on")
+
+
+def _failed(campaign: Campaign) -> str:
+    """Returns how many runs failed, and why the first of them did."""
+    from cosim_master.campaigns.running.task import BAD
+
+    rows = campaign.table().select(["run", "outcome", "reason"]).to_pylist()
+    first = next(row for row in rows if row["outcome"] in BAD)
+    return (
+        f"{campaign.bad} of {campaign.runs} runs failed; run {first['run']}: {first['reason']}"
+        f"{'; the column `reason` has all reasons' if campaign.bad > 1 else ''}"
+    )
 
 
 def _document(campaign: Campaign) -> dict[str, Any]:
