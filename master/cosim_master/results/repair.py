@@ -20,7 +20,7 @@ from cosim_master.diagnostics.errors import CosimError, Problem, RecordingFailed
 from cosim_master.results.reading.links import statistics
 from cosim_master.results.storage.journal import FOLDER, goes_on, groups_of, schema_of
 from cosim_master.results.storage.last_call import last_call
-from cosim_master.results.storage.manifest_file import NAME, write_manifest
+from cosim_master.results.storage.manifest_file import NAME, no_run, write_manifest
 from cosim_master.results.storage.parquet import packets_writer, signals_writer
 
 __all__ = ["repair"]
@@ -70,7 +70,7 @@ def _manifest(run: Path) -> dict[str, Any]:
         if not isinstance(found["outcome"], str) or not math.isfinite(found["simulated_s"]):
             raise ValueError("it does not say how far the run came")
     except FileNotFoundError:
-        raise _refusal(run, f"not the folder of a run: it has no {NAME}") from None
+        raise _refusal(run, no_run(run, NAME)) from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise _refusal(run, f"{NAME} is not the manifest of a run: {error!r}") from None
     return found

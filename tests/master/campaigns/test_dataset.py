@@ -112,7 +112,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
             with pytest.raises(SystemDescriptionError, match="holds something else than a campaign"):
                 Folder(folder, STUDY, INPUTS, force=force)
         assert (folder / name / "mine.txt").read_text() == "mine"
-    with pytest.raises(CosimError, match="not the study of a campaign"):
+    with pytest.raises(CosimError, match=r"not the folder of a campaign: it has no study\.json"):
         read_runs(tmp_path)
 
 

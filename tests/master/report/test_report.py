@@ -217,7 +217,7 @@ def test_runs_without_vehicles_have_a_report(tmp_path: Path) -> None:
 
 
 def test_folders_without_a_run_or_a_file_that_cannot_be_written(tmp_path: Path) -> None:
-    with pytest.raises(CosimError, match="not the manifest of a complete run"):
+    with pytest.raises(CosimError, match=r"not the folder of a run: it has no manifest\.json"):
         write_report([tmp_path])
     run = tank(tmp_path / "a")
     with pytest.raises(CosimError, match="the report cannot be written"):

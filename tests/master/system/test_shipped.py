@@ -56,14 +56,36 @@ def test_a_system_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 def test_a_folder_of_this_name_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "line5").mkdir()
-    with pytest.raises(SystemDescriptionError, match=r"line5/SystemStructure\.ssd: no such file"):
+    with pytest.raises(
+        SystemDescriptionError, match=r"line5/SystemStructure\.ssd: no such file; the folder line5 hides"
+    ):
         read_system("line5")
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("manifest.json", "no such file; there is the folder of a run: give the system that was run"),
+        ("study.json", "no such file; there holds a campaign: try uav-cosim report there"),
+        ("own.ssd", "no such file; give one of these: there/own.ssd"),
+        ("other", "no such file"),
+    ],
+)
+def test_a_folder_that_is_no_system(file: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / file).write_text("")
+    with pytest.raises(SystemDescriptionError) as caught:
+        read_system("there")
+    assert str(caught.value) == f"there/SystemStructure.ssd: {said}"
 
 
 @pytest.mark.parametrize(
     ("name", "said"),
     [
         ("lin5", r'lin5: no such file or folder; give .* a shipped system \(did you mean "line5"\?\)'),
+        ("LINE5", r'shipped system \(did you mean "line5"\?\)'),
+        ("fmus/Own.fmu", r"^fmus/Own\.fmu: no such file; uav-cosim build makes FMUs"),
         ("tanks", r'shipped system \(valid: "coverage", "flocking", "follower", '),
     ],
 )

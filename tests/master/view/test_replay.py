@@ -261,8 +261,18 @@ def test_a_recording_without_vehicles_or_packets(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_shown(tmp_path: Path) -> None:
-    with pytest.raises(CosimError, match=r"manifest\.json: not the manifest of a complete run"):
+    with pytest.raises(CosimError, match=r"not the folder of a run: it has no manifest\.json \(`uav-cosim run -o`"):
         write_page(tmp_path)
+    with pytest.raises(
+        CosimError, match="gone: not the folder of a run: there is no such folder; a run prints its own"
+    ):
+        write_page(tmp_path / "gone")
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "study.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(
+        CosimError, match=r"not the folder of a run: it holds a campaign; try uav-cosim report \S+study$"
+    ):
+        write_page(tmp_path / "study")
     (tmp_path / "manifest.json").write_text("[]", encoding="utf-8")
     with pytest.raises(CosimError, match=r"not the manifest of a complete run: a list, not an object"):
         write_page(tmp_path)
@@ -290,7 +300,7 @@ def test_the_verb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done = CliRunner().invoke(app, ["view", str(run)])
     assert done.exit_code == 0 and "no browser was found here" in " ".join(done.stderr.split())
     done = CliRunner().invoke(app, ["view", str(tmp_path / "nothing"), "--no-open"])
-    assert done.exit_code == 1 and "not the manifest of a complete run" in done.stderr
+    assert done.exit_code == 1 and "nothing: not the folder of a run: " in done.stderr
 
 
 def test_a_page_goes_with_its_run(tmp_path: Path) -> None:

@@ -57,6 +57,8 @@ def read_study(folder: Path) -> tuple[Study, dict[str, Any]]:
     try:
         told = json.loads(file.read_text(encoding="utf-8"))
         return Study.of_json(told["study"]), dict(told["inputs"])
+    except (FileNotFoundError, NotADirectoryError):
+        raise CosimError(f"{folder}: not the folder of a campaign: it has no study.json") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CosimError(f"{file}: not the study of a campaign: {error!r}") from None
 

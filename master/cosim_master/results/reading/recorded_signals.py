@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.storage.journal import journal_of, read_journal
+from cosim_master.results.storage.manifest_file import no_run
 
 __all__ = ["Signals", "open_signals"]
 
@@ -59,7 +60,7 @@ def open_signals(run: Path) -> Signals:
         return _Unfinished(read_journal(journal))
     file = run / "signals.parquet"
     if not file.is_file():
-        raise CosimError(f"{run}: not the folder of a run: it has no signals.parquet (`uav-cosim run -o` writes it)")
+        raise CosimError(f"{run}: {no_run(run, file.name)}")
     try:
         signals: Signals = pq.ParquetFile(file)
     except (pa.ArrowException, OSError) as error:

@@ -19,6 +19,7 @@ from cosim.vehicle import ATTITUDE, POSITION, STEP, TARGET
 from cosim.verdict import Formation, Logged, Role, Rotors, Verdict
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.fmi.description.declarations import verdicts_of_json
+from cosim_master.results.storage.manifest_file import NAME, no_run
 from cosim_master.system.flatten.flat import natural
 from cosim_master.system.formation import formation_of
 
@@ -79,9 +80,11 @@ def read_manifest(run: Path) -> dict[str, Any]:
     Raises:
         CosimError: the folder has no manifest, or not the manifest of a complete run.
     """
-    file = run / "manifest.json"
+    file = run / NAME
     try:
         told = json.loads(file.read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        raise CosimError(f"{run}: {no_run(run, NAME)}") from None
     except (OSError, ValueError) as error:
         raise CosimError(f"{file}: not the manifest of a complete run: {error!r}") from None
     if not isinstance(told, dict):

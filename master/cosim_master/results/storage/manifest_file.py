@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["NAME", "RunningManifest", "write_manifest"]
+__all__ = ["NAME", "RunningManifest", "no_run", "write_manifest"]
 
 NAME = "manifest.json"
 _OUTCOME, _NUMBER, _COUNT = 16, 25, 20
@@ -15,6 +15,17 @@ _OUTCOME, _NUMBER, _COUNT = 16, 25, 20
 _LINES = 3
 """Levels of the manifest that are divided into lines. Python writes the others six times as fast: 1,000 drones have a
 million of values."""
+
+
+def no_run(folder: Path, missing: str) -> str:
+    """Returns why a folder is not that of a run, where it lacks a file that each run writes."""
+    if not folder.is_dir():
+        reason = "there is no such folder; a run prints its own at its end (results: out/line5)"
+    elif (folder / "study.json").is_file():
+        reason = f"it holds a campaign; try uav-cosim report {folder}"
+    else:
+        reason = f"it has no {missing} (`uav-cosim run -o` writes it)"
+    return f"not the folder of a run: {reason}"
 
 
 def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:

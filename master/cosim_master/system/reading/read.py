@@ -97,6 +97,9 @@ def _shipped(name: str) -> Path:
     except (RuntimeError, ValueError, ImportError) as error:
         raise SystemDescriptionError([Problem(Where(name), f"its FMUs cannot be built: {error}")]) from None
     if found is None:
+        if Path(name).suffix.lower() == ".fmu":
+            text = "no such file; uav-cosim build makes FMUs of models (fmus/NAME.fmu)"
+            raise SystemDescriptionError([Problem(Where(name), text)])
         message = f"no such file or folder; give an .ssd, an .ssp or a folder with {ROOT_DOCUMENT}"
         if names := shipped.names():
             message += f", or the name of a shipped system ({near(name, names)})"
@@ -145,9 +148,21 @@ def _name_of(file: File) -> str:
         return ""
 
 
+def _instead(given: Path) -> str:
+    """Returns what a folder or archive without a root document holds instead, and what to do; may be empty."""
+    if (given / "manifest.json").is_file():
+        return f"; {given} is the folder of a run: give the system that was run"
+    if (given / "study.json").is_file():
+        return f"; {given} holds a campaign: try uav-cosim report {given}"
+    if str(given) in shipped.names():
+        return f"; the folder {given} hides the shipped system of this name: rename it, or work in another folder"
+    others = sorted(path.name for path in given.glob("*.ssd"))
+    return f"; give one of these: {', '.join(str(given / name) for name in others)}" if others else ""
+
+
 def _structure(given: Path, file: File, files: Files) -> SystemStructure:
     if not file.path.is_file():
-        raise SystemDescriptionError([Problem(Where(file.shown), "no such file")])
+        raise SystemDescriptionError([Problem(Where(file.shown), f"no such file{_instead(given)}")])
     document = Document(file, files, ((file.path.resolve(), ""),))
     root = document.root
     system = document.system()
