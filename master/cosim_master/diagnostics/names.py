@@ -11,7 +11,7 @@ import fnmatch
 import re
 from collections.abc import Iterable
 
-__all__ = ["is_pattern", "matching", "near", "near_pattern"]
+__all__ = ["is_pattern", "matching", "near", "near_pattern", "similar"]
 
 _LISTED = 12
 
@@ -35,15 +35,23 @@ def near(name: str, names: Iterable[str]) -> str:
     known = list(dict.fromkeys(names))
     if not known:
         return "there is none"
-    if close := difflib.get_close_matches(name, known, n=3, cutoff=0.6):
-        # Long common prefixes make all names similar, so only the names about as similar as the most similar one are
-        # kept.
-        ratios = [difflib.SequenceMatcher(None, name, match).ratio() for match in close]
-        close = [match for match, ratio in zip(close, ratios, strict=True) if ratio > ratios[0] - 0.05]
+    if close := similar(name, known):
         return "did you mean " + " or ".join(f'"{match}"' for match in close) + "?"
     listed = ", ".join(f'"{item}"' for item in sorted(known)[:_LISTED])
     more = f" and {len(known) - _LISTED} more" if len(known) > _LISTED else ""
     return f"valid: {listed}{more}"
+
+
+def similar(name: str, names: Iterable[str]) -> list[str]:
+    """Returns up to three names that are similar to one, the most similar first; upper and lower case are alike."""
+    known = {one: one.casefold() for one in names}
+    exact = [one for one, folded in known.items() if folded == name.casefold()]
+    if exact and name not in known:
+        return exact[:3]
+    close = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    # Long common prefixes make all names similar, so only the names about as similar as the most similar one are kept.
+    ratios = [difflib.SequenceMatcher(None, name, match).ratio() for match in close]
+    return [match for match, ratio in zip(close, ratios, strict=True) if ratio > ratios[0] - 0.05]
 
 
 def near_pattern(pattern: str, names: Iterable[str]) -> str:

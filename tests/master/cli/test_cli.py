@@ -345,6 +345,8 @@ def test_build(run: Any, tmp_path: Path) -> None:
     assert stdout.splitlines() == [f"fmus/{m}.fmu: interpreted" for m in ("ArduPilotSITL", "LineAgent", "Quadrotor")]
     code, _, stderr = run("build", "Nonexistent", "-o", "fmus")
     assert code == 2 and "error: no model called Nonexistent: there are " in stderr
+    code, _, stderr = run("build", "quadrotor", "-o", "fmus")
+    assert code == 2 and 'error: no model called quadrotor: did you mean "Quadrotor"?; or give a shipped' in stderr
     code, _, stderr = run("build", "nowhere.py", "-o", "fmus")
     assert code == 2 and "nowhere.py: no such file" in stderr
 

@@ -16,6 +16,7 @@ from cosim_master.cli.terminal.console import errors, print_json, report_error, 
 from cosim_master.cli.terminal.options import Json
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
+from cosim_master.diagnostics.names import near, similar
 from cosim_master.system import shipped
 
 if TYPE_CHECKING:
@@ -113,10 +114,10 @@ def _chosen(models: list[str] | None) -> list[type[Model]]:
         wanted = shipped.models(name) if name in shipped.names() else (name,)
         found = load_models(name) if "." in name else [model for model in known if model.__name__ in wanted]
         if not found and "." not in name:
-            names = ", ".join(model.__name__ for model in known)
-            raise ValueError(
-                f"no model called {name}: there are {names}; or give a shipped system, a module or a .py file"
-            )
+            names = [model.__name__ for model in known]
+            close = similar(name, [*names, *shipped.names()])
+            hint = near(name, close) if close else f"there are {', '.join(names)}"
+            raise ValueError(f"no model called {name}: {hint}; or give a shipped system, a module or a .py file")
         chosen |= dict.fromkeys(found)
     return [*chosen]
 

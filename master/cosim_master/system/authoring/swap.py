@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, TypeAlias
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
-from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
+from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern, similar
 from cosim_master.files import archive
 from cosim_master.fmi.description.read import FmuDescription, describe
 from cosim_master.system import shipped
@@ -66,7 +66,10 @@ def swap(
         if not path.is_file():
             found = shipped.fmu(str(fmu))
             if found is None:
-                raise _refusal(str(path), "no such file; give the FMU that the component is to have")
+                models = [one.stem for one in shipped.fmus().glob("*.fmu") if one.stem.isidentifier()]
+                close = similar(str(fmu), models)
+                hint = near(str(fmu), close) if close else "give the FMU that the component is to have"
+                raise _refusal(str(path), f"no such file; {hint}")
             path = found
         if out is None and not Path(system).exists():
             raise _refusal(str(system), "a shipped system is not changed in place; give a path for the new one")

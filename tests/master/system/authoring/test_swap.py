@@ -339,6 +339,11 @@ class TestWhatIsRefused:
     def test_a_missing_fmu(self, system: Path, workshop: Any) -> None:
         assert "Octo.fmu: no such file" in refusal(system, "drone3.vehicle", workshop.root / "Octo.fmu")
 
+    def test_a_model_that_is_written_in_another_way(self, system: Path, workshop: Any, fmus: Path) -> None:
+        assert fmus.is_dir()
+        text = refusal(system, "drone3.vehicle", "hexarotor", workshop.root / "swapped")
+        assert text == 'hexarotor: no such file; did you mean "Hexarotor"?'
+
     def test_a_place_that_is_taken(self, system: Path, workshop: Any) -> None:
         text = refusal(system, "drone3.vehicle", workshop.root / "fmus/Hexarotor.fmu", workshop.root / "fmus")
         assert "fmus: exists already" in text
