@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.results.storage.checkpoint_folder import Checkpoint
@@ -22,6 +24,8 @@ __all__ = ["Listener", "Reporting", "RunOptions", "going_on"]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOptions:
     """Options of a run. The defaults run a system as it is described and record nothing.
+
+    Paths may be given as text, and values as numbers.
 
     Attributes:
         variant: selects one of several .ssd in an archive or folder.
@@ -78,6 +82,34 @@ class RunOptions:
     helics: str | None = None
     helics_publish: Sequence[str] = ()
     helics_subscribe: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        """Takes paths as text and values as numbers, too.
+
+        Raises:
+            TypeError: one text is given instead of a sequence of texts, or a change is not (time, name, value).
+        """
+        for name in ("out", "inputs", "replay", "assignment"):
+            if isinstance(path := getattr(self, name), str):
+                object.__setattr__(self, name, Path(path))
+        for name in ("record", "gcs", "helics_publish", "helics_subscribe"):
+            if isinstance(text := getattr(self, name), str):
+                raise TypeError(f"{name} is one text; give a sequence of texts: {name}=({text!r},)")
+        object.__setattr__(self, "overrides", {name: _text(value) for name, value in self.overrides.items()})
+        object.__setattr__(self, "at", tuple(map(_change, self.at)))
+
+
+def _text(value: Any) -> str:
+    """Returns the text of a value."""
+    return str(value).lower() if isinstance(value, bool | np.bool_) else str(value)
+
+
+def _change(given: Any) -> tuple[float, str, str]:
+    """Returns a change during a run. Raises TypeError if it is none."""
+    if isinstance(given, str) or not isinstance(given, Sequence) or len(given) != 3:
+        raise TypeError(f"at contains {given!r}; give a sequence of (time in s, name, value)")
+    time, name, value = given
+    return float(time), name, _text(value)
 
 
 def _ignore(_: Any) -> None:
