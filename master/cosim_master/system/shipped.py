@@ -25,7 +25,19 @@ from lxml import etree
 from cosim.kernel import cache_folder
 from cosim.verdict import Values
 
-__all__ = ["accepting", "digest_of_models", "document", "find", "fmu", "fmus", "models", "names", "stage", "templates"]
+__all__ = [
+    "accepting",
+    "digest_of_models",
+    "document",
+    "find",
+    "fmu",
+    "fmus",
+    "is_shipped",
+    "models",
+    "names",
+    "stage",
+    "templates",
+]
 
 _PACKAGE = Path(__file__).parents[1]
 _INSTALLED = _PACKAGE / "shipped"
@@ -55,6 +67,11 @@ def find(name: str) -> Path | None:
     root = _ready()
     _build_missing(root, models(name))
     return root / "master" / "systems" / name
+
+
+def is_shipped(folder: Path) -> bool:
+    """Returns whether a folder is the one that `find` returns for a system."""
+    return folder.name in names() and folder == _ready() / "master" / "systems" / folder.name
 
 
 def document(system: str, name: str) -> Path:

@@ -26,6 +26,7 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 from cosim_master.diagnostics.limitations import INNER_FILE
 from cosim_master.files import archive
 from cosim_master.files.xml_edit import Document, Edit, Node, applied, tag_text
+from cosim_master.system import shipped
 from cosim_master.system.authoring.swap import documents, rebased
 from cosim_master.system.authoring.text.difference import difference
 from cosim_master.system.authoring.text.ssp_text import (
@@ -82,7 +83,7 @@ def save(structure: SystemStructure, system: System, out: str | Path | None = No
     Raises:
         SystemDescriptionError: `check` refuses the new system, or it contains data that cannot be written; the files
             are then unchanged.
-        ValueError: `out` is not suitable.
+        ValueError: `out` is not suitable, or missing for a shipped system.
 
     Returns:
         The file or folder written.
@@ -90,6 +91,8 @@ def save(structure: SystemStructure, system: System, out: str | Path | None = No
     if structure.problems:
         raise SystemDescriptionError(structure.problems)
     given, target = structure.path, structure.path if out is None else Path(out)
+    if out is None and shipped.is_shipped(given):
+        raise ValueError(f"{given} is shipped, and is not changed in place; give a path for the new system")
     if out is not None:
         if target.exists():
             raise ValueError(f"{target} exists already; give a path that does not")

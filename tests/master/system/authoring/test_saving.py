@@ -279,6 +279,17 @@ def test_elsewhere(folder: Path, workshop: Any, tmp_path: Path) -> None:
     assert len(check(read_system(folder / "other.ssd")).links) == 1
 
 
+def test_a_shipped_system_is_not_changed_in_place(fmus: Path, tmp_path: Path) -> None:
+    """What differs in the next run of line5 would be found by nobody."""
+    assert fmus.is_dir()
+    with read_system("line5") as structure:
+        with pytest.raises(ValueError, match=r"line5 is shipped, and is not changed in place; give a path for the new"):
+            save(structure, structure.system)
+        save(structure, structure.system, tmp_path / "line5")
+    with read_system(tmp_path / "line5") as structure:
+        assert save(structure, structure.system) == tmp_path / "line5"
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
