@@ -170,7 +170,8 @@ def _drawn_bar(done: float, whole: float, words: str) -> Table:
     grid = Table.grid(padding=(0, 2))
     grid.add_column(min_width=4)
     grid.add_column(no_wrap=True, overflow="ellipsis")
-    grid.add_row(ProgressBar(total=whole, completed=done, width=max(4, min(40, err.width - len(words) - 3))), words)
+    # Ctrl-C writes ^C behind the words: on a line that is full, it would begin another, and the bar would stay.
+    grid.add_row(ProgressBar(total=whole, completed=done, width=max(4, min(40, err.width - len(words) - 5))), words)
     return grid
 
 
