@@ -77,8 +77,10 @@ def number_of_drones(drones: int | None, layout: str | None, fleet: Fleet) -> in
     """Returns the number of drones: `drones`, or the rows of a file of poses, or the longest list of FMUs.
 
     Raises:
-        SystemDescriptionError: nothing specifies the number, or the file has another number of rows.
+        SystemDescriptionError: nothing specifies the number, the file does not exist, or has another number of rows.
     """
+    if drones is None and layout is not None and not _is_layout(layout):
+        raise _refusal(layout, _no_layout(layout))
     is_file = layout is not None and layout not in LAYOUTS and Path(layout).is_file()
     rows = len(poses_of_file(Path(str(layout)))) if is_file else None
     if rows is not None and drones not in (None, rows):
@@ -181,10 +183,18 @@ def _problems(scenario: str, drones: int, folder: Path, spacing: float, layout: 
         problems.append(Problem(Where(str(folder)), "exists already"))
     if not spacing > 0.0:
         problems.append(Problem(Where("--spacing"), f"{spacing:g} m: must be positive"))
-    if layout is not None and layout not in LAYOUTS and not Path(layout).is_file():
-        text = f"is not a layout; valid: {', '.join(LAYOUTS)}, or a CSV file with the columns north and east"
-        problems.append(Problem(Where(layout), text))
+    if layout is not None and not _is_layout(layout):
+        problems.append(Problem(Where(layout), _no_layout(layout)))
     return problems
+
+
+def _is_layout(layout: str) -> bool:
+    return layout in LAYOUTS or Path(layout).is_file()
+
+
+def _no_layout(layout: str) -> str:
+    what = "no such file" if Path(layout).suffix else "is not a layout"
+    return f"{what}; valid: {', '.join(LAYOUTS)}, or a CSV file with the columns north and east"
 
 
 # ---- the pattern of a drone ---------------------------------------------------------------------------------------
