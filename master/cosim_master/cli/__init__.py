@@ -32,7 +32,8 @@ def _joined(arguments: list[str]) -> list[str]:
         if argument == "--reference" and not (i + 1 < len(arguments) and arguments[i + 1].lower().endswith(".csv")):
             joined.append(f"--reference={systems.BROUGHT_ALONG}")
             continue
-        if len(joined) > 1 and joined[-2] == "--at" and " " not in joined[-1]:
+        # A value is left out where an option follows; the verb then says what is missing.
+        if len(joined) > 1 and joined[-2] == "--at" and " " not in joined[-1] and not argument.startswith("-"):
             joined[-1] += f" {argument}"
         else:
             joined.append(argument)

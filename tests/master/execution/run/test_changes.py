@@ -91,3 +91,8 @@ def test_the_option_takes_two_words(stricts: Any, tmp_path: Path, forks: Forks) 
     *stages, said = done.stderr.splitlines()
     assert (done.returncode, said) == (2, "error: --at 1 a.p: write --at TIME COMPONENT.PARAMETER=VALUE")
     assert all(stage.endswith(" ...") for stage in stages), stages  # of stages that took longer than a second
+    done = forks.run([*words, "--at", "1", "--until", "1"], tmp_path, os.environ)
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (
+        2,
+        "error: --at 1: write --at TIME COMPONENT.PARAMETER=VALUE",
+    )
