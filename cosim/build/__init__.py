@@ -49,7 +49,8 @@ def load_models(source: str) -> list[type[Model]]:
 
     Raises:
         ValueError: the file or module does not exist or defines no model, or another module of that name is loaded.
-        Exception: any exception that the module raises on import.
+        ImportError: the module imports something that does not exist.
+        Exception: any exception that the module raises on import; of a file, as a ValueError with file and line.
     """
     if source.endswith(".py"):
         file = Path(source).resolve()
@@ -65,11 +66,11 @@ def load_models(source: str) -> list[type[Model]]:
             spec.loader.exec_module(module)
         except BaseException as error:
             del sys.modules[file.stem]
-            lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == str(file)]
-            if isinstance(error, ValueError | TypeError) and lines and lines[-1]:
-                raise ValueError(f"{place(str(file), lines[-1])}: {error}") from error
+            _raise_with_line(error, file)
             raise
     else:
+        if not all(part.isidentifier() for part in source.split(".")):
+            raise ValueError(f"{source}: no such module; give a .py file, or the name of a module")
         try:
             module = importlib.import_module(source)
         except ModuleNotFoundError as error:
@@ -80,6 +81,22 @@ def load_models(source: str) -> list[type[Model]]:
     if not models:
         raise ValueError(f"{source}: it defines no subclass of cosim.Model")
     return models
+
+
+def _raise_with_line(error: BaseException, file: Path) -> None:
+    """Raises what a file raised on import, with its line; returns if no line of the file is known."""
+    if isinstance(error, SyntaxError):
+        if error.filename == str(file) and error.lineno:
+            raise ValueError(f"{place(str(file), error.lineno)}: {error.msg}") from error
+        return
+    lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == str(file)]
+    if not isinstance(error, Exception) or not lines or not lines[-1]:
+        return
+    where = place(str(file), lines[-1])
+    if isinstance(error, ImportError):
+        raise type(error)(f"{where}: {error}", name=error.name, path=error.path) from error
+    kind = "" if isinstance(error, ValueError | TypeError) else f"{type(error).__name__}: "
+    raise ValueError(f"{where}: {kind}{error}") from error
 
 
 def models_of_package(package: str) -> list[type[Model]]:

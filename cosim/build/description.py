@@ -87,7 +87,11 @@ def unit_definitions(root: Element, variables: tuple[Variable, ...]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
     for name in units:
         assert name is not None
-        base = base_unit(name)
+        try:
+            base = base_unit(name)
+        except ValueError as error:
+            one = next(v.name for v in variables if v.unit == name)
+            raise ValueError(f"{root.get('modelName')}: variable {one}: {error}") from None
         attributes = {symbol: str(e) for symbol, e in zip(BASE, base.exponents, strict=True) if e}
         if base.factor != 1.0:
             attributes["factor"] = repr(base.factor)

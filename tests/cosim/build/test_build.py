@@ -224,7 +224,7 @@ def test_structure_of_the_description(plant: Path) -> None:
         ({"__doc__": "A model.", "step_size": 1.0}, "Odd: a model needs .* variables"),
         (
             {"__doc__": "A model.", "step_size": 1.0, "variables": (Output("y", unit="parsec"),)},
-            "unit 'parsec': 'parsec' is not one of",
+            "^Odd: variable y: unit 'parsec': 'parsec' is not one of",
         ),
     ],
 )
@@ -675,6 +675,9 @@ def test_load_models_of_nothing(tmp_path: Path) -> None:
         load_models("cosim_models.nowhere")
     with pytest.raises(ValueError, match=r"no_such_package.module: no such module"):
         load_models("no_such_package.module")
+    for no_module in (".", "fmus/Quadrotor.fmu"):
+        with pytest.raises(ValueError, match=rf"^{no_module}: no such module; give a \.py file"):
+            load_models(no_module)
     with pytest.raises(ValueError, match=r"cosim.frames: it defines no subclass of cosim.Model"):
         load_models("cosim.frames")
     with pytest.raises(ValueError, match=r"sample_models.py: a module called sample_models is already loaded"):
@@ -686,8 +689,17 @@ def test_load_models_of_nothing(tmp_path: Path) -> None:
 def test_a_file_that_fails_can_be_loaded_again_when_mended(tmp_path: Path) -> None:
     file = tmp_path / "mended_model.py"
     file.write_text("import cosim.no_such_thing\n")
-    with pytest.raises(ModuleNotFoundError, match=r"cosim\.no_such_thing"):
+    with pytest.raises(ModuleNotFoundError, match=r"mended_model\.py:1: No module named 'cosim\.no_such_thing'"):
         load_models(str(file))
+    for text, message in (
+        ("from cosim import Model\n\nx = Input('u')\n", "3: NameError: name 'Input' is not defined"),
+        ("from cosim import Modle\n", r"1: cannot import name 'Modle' from 'cosim'"),
+        ("def start(m)\n    return 0\n", "1: expected ':'"),
+        ("x = [1][2]\n", "1: IndexError: list index out of range"),
+    ):
+        file.write_text(text)
+        with pytest.raises((ValueError, ImportError), match=rf"mended_model\.py:{message}"):
+            load_models(str(file))
     file.write_text("from cosim import Model\nclass Mended(Model): 'Fine.'\n")
     assert [m.__name__ for m in load_models(str(file))] == ["Mended"]
     del sys.modules["mended_model"]
