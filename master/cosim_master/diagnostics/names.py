@@ -43,11 +43,16 @@ def near(name: str, names: Iterable[str]) -> str:
 
 
 def similar(name: str, names: Iterable[str]) -> list[str]:
-    """Returns up to three names that are similar to one, the most similar first; upper and lower case are alike."""
+    """Returns up to three names that are similar to one, the most similar first.
+
+    Upper and lower case are alike. The end of a hierarchical name ("mass") is similar to the whole ("a.b.mass").
+    """
     known = {one: one.casefold() for one in names}
     exact = [one for one, folded in known.items() if folded == name.casefold()]
     if exact and name not in known:
         return exact[:3]
+    if ends := [one for one in known if one.endswith(f".{name}")]:
+        return ends[:3]
     close = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
     # Long common prefixes make all names similar, so only the names about as similar as the most similar one are kept.
     ratios = [difflib.SequenceMatcher(None, name, match).ratio() for match in close]

@@ -101,7 +101,9 @@ def test_ctrl_c_ends_a_run_with_its_results(probes: Any, tmp_path: Path) -> None
         terminal.press(b"\x03")
         assert terminal.finish() == 130
     assert terminal.lines[-3].startswith("interrupted: ")
-    assert not [line for line in terminal.lines if "x real time  " in line], "the bar stays: ^C was too much for its line"
+    assert not [line for line in terminal.lines if "x real time  " in line], (
+        "the bar stays: ^C was too much for its line"
+    )
     assert terminal.lines[-1] == "results: out/s"
     assert not terminal.cursor_hidden
     assert json.loads((tmp_path / "out" / "s" / "manifest.json").read_text())["outcome"] == "interrupted"

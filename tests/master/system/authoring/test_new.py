@@ -162,7 +162,9 @@ def test_how_many_drones_are_meant(tmp_path: Path) -> None:
     assert number_of_drones(7, None, {"vehicle": ("A", "B")}) == 7
     assert number_of_drones(None, None, {"vehicle": ("A", "B"), "agent": ("C",)}) == 2
     for wrong, what in (("poses.csv", "no such file"), ("rign", "is not a layout")):
-        with pytest.raises(SystemDescriptionError, match=rf"^{wrong}: {what}; valid: line, grid, ring, v, random, or a"):
+        with pytest.raises(
+            SystemDescriptionError, match=rf"^{wrong}: {what}; valid: line, grid, ring, v, random, or a"
+        ):
             number_of_drones(None, wrong, {})
     with pytest.raises(SystemDescriptionError, match="--drones: is missing: say how many drones"):
         number_of_drones(None, "ring", {"vehicle": ("A",)})
