@@ -43,6 +43,8 @@ def info(
         target = Path(path)
         if signals and not (target / "manifest.json").is_file():
             raise usage(f"--signals: {path} is not the folder of a run's results")
+        if variables and not _is_fmu(target):
+            raise usage(f"--variables: {path} is not an FMU")
         if (target / "manifest.json").is_file():
             document = overview(target)
             tables = signal_table(document) if signals else overview_tables(document)
