@@ -646,7 +646,9 @@ def test_drawing_leaves_pyplot_alone_and_reading_leaves_matplotlib_and_pandas_al
 def test_nothing_to_draw(tmp_path: Path) -> None:
     t = np.zeros(3)
     run = write_run(tmp_path, {"time": (t, "s"), "tank.level": (t, "m"), "tank.position[1]": (t, "m")})
-    with pytest.raises(CosimError, match=r"no component has position\[1\.\.3\] in m, or step and target .* 2 other"):
+    with pytest.raises(
+        CosimError, match=r"no component has position\[1\.\.3\] in m, or step and target .* --signal '\*'` .* 2 sig"
+    ):
         figures(run)
 
 

@@ -107,8 +107,8 @@ def read_flight(run: Path) -> Flight:
         if not found:
             raise CosimError(
                 f"{run / 'signals.parquet'}: nothing to draw: no component has {POSITION}[1..3] in m, "
-                f"or {STEP} and {TARGET} (m); recorded are {len(numeric) - 1} other signals "
-                "(`uav-cosim run --record` chooses which)"
+                f"or {STEP} and {TARGET} (m); `uav-cosim plot {run} --signal '*'` draws any of the "
+                f"{len(numeric) - 1} signals that are recorded (`uav-cosim run --record` chooses which)"
             )
         n = signals.read(columns=["time"]).num_rows
         if n == 0:
