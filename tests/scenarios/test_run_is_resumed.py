@@ -114,10 +114,10 @@ def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> 
     assert "run has no checkpoint at 1.5 s; there are: 1" in refused(origin=f"{tmp_path / 'run'}@1.5")
     assert "write RUN@TIME" in refused(origin="run")
     assert "the seed of the radio must be what it was (7), now it is 8" in refused(seed=8)
-    assert "the stop time must be what it was" in refused(until=3.0)
+    assert "the stop time must be what it was (2 s), now it is 3 s" in refused(until=3.0)
     assert "give another folder" in refused(out=tmp_path / "run")
     assert "signals.parquet has other columns" in refused(record=("*.position*",))
-    with pytest.raises(SystemDescriptionError, match="the system's documents must be what it was"):
+    with pytest.raises(SystemDescriptionError, match=r"documents must be what they were$"):
         simulate(SYSTEMS / "line5", RunOptions(out=tmp_path / "on", origin=origin))
     assert "not a multiple of the base step" in refused(checkpoint_every=0.0001)
     (tmp_path / "run" / "checkpoints" / "1" / "state.npz").write_bytes(b"PK")

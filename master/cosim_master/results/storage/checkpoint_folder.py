@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -75,25 +75,36 @@ class Checkpoint:
             SystemDescriptionError: the system differs; all differences are reported.
         """
         problems = []
-        mine, other = asdict(self.identity), asdict(identity)
-        fmus = mine.pop("fmus"), other.pop("fmus")
-        words = {"system": "the system's documents", "start": "the start time", "base": "the base step"}
-        words |= {
-            "steps": "the stop time",
-            "every": "the recording interval",
-            "seed": "the seed of the radio",
-            "input": "the file of --input",
-            "per_ns": "the tick of time",
-        }
-        for name in mine:
-            if mine[name] != other[name]:
-                text = f"{words[name]} must be what it was ({mine[name]}), now it is {other[name]}"
+        if self.identity.system != identity.system:
+            problems.append(Problem(Where(str(self.folder)), "the system's documents must be what they were"))
+        if self.identity.input != identity.input:
+            problems.append(Problem(Where(str(self.folder)), "the file of --input must be what it was"))
+        words = {"start": "the start time", "base": "the base step", "steps": "the stop time"}
+        words |= {"every": "the recording interval", "seed": "the seed of the radio", "per_ns": "the tick of time"}
+        for name, what in words.items():
+            if getattr(self.identity, name) != getattr(identity, name):
+                text = f"{what} must be what it was ({_told(self.identity, name)}), now it is {_told(identity, name)}"
                 problems.append(Problem(Where(str(self.folder)), text))
+        fmus = self.identity.fmus, identity.fmus
         for name in sorted({*fmus[0], *fmus[1]}):
             if fmus[0].get(name) != fmus[1].get(name):
                 problems.append(Problem(Where(str(self.folder)), f"{name} is another FMU than it was"))
         if problems:
             raise SystemDescriptionError(problems)
+
+
+def _told(identity: Identity, name: str) -> str:
+    """Returns a property as users write it: times in s."""
+    if name == "seed":
+        return str(identity.seed)
+    ticks = {
+        "start": identity.start,
+        "base": identity.base,
+        "steps": identity.start + identity.steps * identity.base,
+        "every": identity.every * identity.base,
+        "per_ns": 1,
+    }
+    return f"{ticks[name] / (1e9 * identity.per_ns):.9g} s"
 
 
 def find(wanted: str) -> Checkpoint:
