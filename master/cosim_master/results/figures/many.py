@@ -188,7 +188,7 @@ def draw_folded_map(flown: Sequence[tuple[Drone, Array]], reach: float | None) -
 
 
 def draw_scattered(flight: Flight, flown: Sequence[tuple[Drone, Array]]) -> Figure:
-    """Draws very many drones as points at the start of three steps: from above, or a line of drones from its side."""
+    """Draws very many drones as points at the end of three steps: from above, or a line of drones from its side."""
     from matplotlib.figure import Figure
 
     places = np.stack([position for _, position in flown], axis=1)
@@ -231,7 +231,7 @@ def draw_scattered(flight: Flight, flown: Sequence[tuple[Drone, Array]]) -> Figu
 
 
 def _draw_profiles(flight: Flight, names: Sequence[str], east: Array, height: Array) -> Figure:
-    """Draws a long line of drones at the start of three steps: how far each is from its place, and its height.
+    """Draws a long line of drones at the end of three steps: how far each is from its place, and its height.
 
     The place is the fixed point of the law, where agents declare one; otherwise, where the drone was at the first of
     the three steps.

@@ -159,7 +159,7 @@ def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 
 
 def draw_snapshots(flight: Flight) -> Figure | None:
-    """Draws all drones in space (not to scale) at the start of three steps; returns None without positions."""
+    """Draws all drones in space (not to scale) at the end of three steps; returns None without positions."""
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["SNAPSHOTS", "moments", "time_axis"]
 
 SNAPSHOTS = (1, 9, 17)
-"""Steps whose starts are shown in space, if the run reached them; otherwise its first, middle and last step."""
+"""Steps whose ends are shown in space, if the run reached them; otherwise its first, middle and last step."""
 
 
 def moments(flight: Flight) -> list[tuple[str, float]]:
