@@ -17,6 +17,8 @@ from cosim_master.report.contents import Table
 
 __all__ = ["escaped", "image", "table", "write_document"]
 
+_NAME = 40
+"""Letters that a name has at most."""
 _STYLE = """
 :root{color-scheme:light dark}
 body{font:15px/1.45 system-ui,sans-serif;max-width:76rem;margin:0 auto;padding:1rem 2rem 4rem}
@@ -25,6 +27,7 @@ h1{font-size:1.7rem;margin:.6rem 0}h2{font-size:1.25rem;margin:2.2rem 0 .6rem;bo
 h3{font-size:1rem;margin:1.4rem 0 .4rem}
 table{border-collapse:collapse;margin:.4rem 0}th,td{text-align:left;padding:.18rem .9rem .18rem 0;vertical-align:top}
 th{border-bottom:1px solid #999;font-weight:600}td{border-bottom:1px solid #eee;overflow-wrap:anywhere}
+td.name{white-space:nowrap}
 .badge{display:inline-block;padding:.1rem .7rem;border-radius:1rem;color:#fff;font-size:1rem}
 .good{background:#00704d}.warning{background:#8a5a00}.failure{background:#a8281e}
 .note,.where{color:#666}pre{background:#f3f3f3;padding:.7rem;white-space:pre-wrap;overflow-wrap:anywhere}
@@ -90,6 +93,12 @@ def image(data: bytes, kind: str, caption: str) -> str:
     return f'<figure><img alt="{escaped(caption)}" src="{source}"><figcaption>{escaped(caption)}</figcaption></figure>'
 
 
+def _cell(text: str) -> str:
+    """Returns the markup of a cell; a name is not broken beside a long text, other words are if they must."""
+    kind = ' class="name"' if len(text) <= _NAME and not any(map(str.isspace, text)) else ""
+    return f"<td{kind}>{escaped(text)}</td>"
+
+
 def table(told: Table) -> Iterator[str]:
     """Yields the markup of a table."""
     yield f"<h2>{escaped(told.title)}</h2>"
@@ -98,7 +107,7 @@ def table(told: Table) -> Iterator[str]:
         if told.head:
             yield "<tr>" + "".join(f"<th>{escaped(cell)}</th>" for cell in told.head) + "</tr>"
         for row in told.rows:
-            yield "<tr>" + "".join(f"<td>{escaped(cell)}</td>" for cell in row) + "</tr>"
+            yield "<tr>" + "".join(map(_cell, row)) + "</tr>"
         yield "</table>"
     if told.note:
         yield f'<p class="note">{escaped(told.note)}</p>'

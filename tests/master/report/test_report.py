@@ -16,7 +16,8 @@ from lxml import etree
 from lxml import html as lxml_html
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.report.contents import differences, programs, read_run, repetition
+from cosim_master.report import markup
+from cosim_master.report.contents import Table, differences, programs, read_run, repetition
 from cosim_master.report.page import write_report
 from cosim_master.report.structure import draw_structure, groups
 from cosim_master.results.storage.run_folder import is_figure
@@ -214,6 +215,14 @@ def test_runs_without_vehicles_have_a_report(tmp_path: Path) -> None:
     text = write_report([first, second], tmp_path / "new" / "both.html").read_text()
     assert text.count("recorded no positions of vehicles") == 2 and text.count("badge failure") == 2
     assert "2 runs compared" in text and "tank: &lt;b&gt;" in text and "The recordings are equal." in text
+
+
+def test_a_name_beside_a_long_text_is_not_broken() -> None:
+    """A column of names was as narrow as the text beside it liked: drone3.vehi, and cle below."""
+    row, digest = ("drone3.vehicle", "it has never left the ground: " * 9), ("digest", "0" * 64)
+    rows = [line for line in markup.table(Table("t", ("who", "what"), [row, digest])) if "<td" in line]
+    assert rows[0].startswith('<tr><td class="name">drone3.vehicle</td><td>it has')
+    assert rows[1] == f'<tr><td class="name">digest</td><td>{"0" * 64}</td></tr>'
 
 
 def test_folders_without_a_run_or_a_file_that_cannot_be_written(tmp_path: Path) -> None:
