@@ -11,6 +11,9 @@ BIN := $(VENV)/bin
 COSIM := $(BIN)/uav-cosim
 # Modules are compiled when they are first imported; most never are.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+# uv installs the packages of the tests in a tenth of pip's time. It does not read pip's settings (a mirror, a proxy's
+# certificate): where it fails, its message is shown and pip goes on.
+UV := $(BIN)/uv pip install --quiet --python $(BIN)/python
 
 # Hundreds of processes import the same sources.
 unexport PYTHONDONTWRITEBYTECODE
@@ -60,14 +63,19 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("Python 3.11 or newer is needed (PYTHON=... make)")'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/installed: $(VENV)/bin/python pyproject.toml
-	$(PIP) -e '.[build,plot]'
+# Not every platform has one: then pip installs all packages.
+$(VENV)/uv-tried: $(VENV)/bin/python
+	-$(PIP) --only-binary :all: uv
+	touch $@
+
+$(VENV)/installed: $(VENV)/uv-tried pyproject.toml
+	$(UV) -e '.[build,plot]' || $(PIP) -e '.[build,plot]'
 	touch $@
 
 # Without this project, which is in use meanwhile.
 $(VENV)/tested: $(VENV)/installed
 	$(BIN)/python -c 'import tomllib; print(*sum(tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"].values(), []), sep="\n")' > $(VENV)/requirements
-	$(PIP) -r $(VENV)/requirements
+	$(UV) -r $(VENV)/requirements || $(PIP) -r $(VENV)/requirements
 	touch $@
 
 docs: $(VENV)/tested
