@@ -284,7 +284,13 @@ def named(folder: Path, fmu: Path, *attributes: str, of_system: str = "") -> Pat
 def test_a_system_names_the_runner(
     of_windows: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A script of the user's own, which the user has allowed, gets the program, the port and the library."""
+    """A script of the user's own, which the user has allowed, gets the program, the port and the library.
+
+    It does not run the program, for which the C library of Windows would be compiled for a minute and a half.
+    """
+    asked: list[str] = []
+    program = portable(TARGETS[HOST].zig)
+    monkeypatch.setattr(isolated, "portable", lambda target: asked.append(target) or program)
     script, told = tmp_path / "own runner", tmp_path / "told"
     script.write_text(f'#!/bin/sh\necho "$@" >"{told}"\nexit 7\n')
     script.chmod(0o755)
@@ -294,9 +300,10 @@ def test_a_system_names_the_runner(
         result = simulate(named(tmp_path, of_windows[1], attributes), RunOptions(out=tmp_path / f"out{i}"))
         assert "own runner has ended with exit code 7" in str(result.error)
         words = told.read_text().split()
-        assert words[:2] == ["--of", "mine"]
+        assert words[:3] == ["--of", "mine", str(program)]
         assert words[-1].endswith("PointMass.dll") and words[-2].isdigit()
         told.unlink()
+    assert set(asked) == {"x86_64-windows-gnu"}
 
 
 def test_a_runner_for_a_system_or_a_part(
