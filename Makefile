@@ -26,7 +26,7 @@ WORKERS = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 # Real ArduCopters compute much: with them, these tests are run behind the others instead of beside them.
 ALONE = -m alone $(shell grep -rl --include='test_*.py' 'mark\.alone' tests) $(if $(ARDUPILOT_SITL),,-n 3 --dist load)
 
-.PHONY: demo test fmus lint compiled-tests side-by-side alone docs wheel sdist clean
+.PHONY: demo test fmus loop lint compiled-tests side-by-side alone docs wheel sdist clean
 
 demo: $(VENV)/installed
 	$(COSIM) build line5 -o fmus
@@ -38,8 +38,13 @@ fmus: $(VENV)/installed
 
 # FMUs are built while the packages of tests are installed.
 test:
-	$(MAKE) -j 3 fmus lint compiled-tests
+	$(MAKE) -j 4 loop fmus lint compiled-tests
 	$(MAKE) -j $(if $(ARDUPILOT_SITL),1,2) side-by-side alone
+
+# Kernels of the loop share most of their functions: one process compiles all of them in the time that two need for
+# `run` and `run_framed`. First, so that the build of FMUs, which needs `run`, too, waits for it and does not compile it.
+loop: $(VENV)/installed
+	$(BIN)/python -c 'from cosim_master.stepping.warming import compile_loop; compile_loop()'
 
 # They give way to those that talk with other programs while the clock runs.
 side-by-side:
