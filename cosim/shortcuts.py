@@ -1,8 +1,9 @@
 """Shortcuts in numba's compiler: the same types, the same IR and the same machine code in two thirds of the time.
 
 numba resolves the type of every call anew, although a thousand functions add the same two floats, it computes which
-variables are alive after each of its passes, although only the last result is used, and it looks for new declarations
-of extensions several times per function. `use` replaces all three.
+variables are alive after each of its passes, although only the last result is used, it looks for new declarations
+of extensions several times per function, and it checks and describes each pass for those who watch it. `use` replaces
+all four.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ from functools import wraps
 from inspect import unwrap
 from typing import Any
 
-from numba.core import ir, postproc, transforms
+from numba.core import errors, event, ir, lowering, postproc, transforms, typeinfer
 from numba.core.base import BaseContext
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import PassManager, pass_timings
 from numba.core.types.functions import BaseFunction
 from numba.core.typing.context import BaseContext as TypingContext
 
@@ -116,6 +119,54 @@ def _refresh_typing(self: Any) -> None:
         _has_new(self)
 
 
+# ---- passes ----------------------------------------------------------------------------------------------------------
+
+_own_run_pass: Any = unwrap(PassManager._runPass)
+_NO_TIME = pass_timings(0.0, 0.0, 0.0)
+_errors: Any = errors  # with names that it does not export
+
+
+class _ErrorContext:
+    """Adds a description to an error of numba; numba's own context is a generator, and there are 500 for a function."""
+
+    __slots__ = ("_arguments", "_format", "_named")
+    __wrapped__: Any = unwrap(_errors.new_error_context)
+
+    def __init__(self, format_: str, *arguments: Any, **named: Any) -> None:
+        place = named.get("loc")
+        if place is not None and not place.filename.startswith(_errors._numba_path):
+            _errors.loc_info.update(named)
+        self._format, self._arguments, self._named = format_, arguments, named
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, errors.NumbaError):
+            error.add_context(_errors._format_msg(self._format, self._arguments, self._named))
+
+
+@wraps(_own_run_pass)
+def _run_pass(self: Any, index: int, one: Any, state: Any) -> None:
+    """Runs a pass; its types and flags are described, and its result is looked through, only if somebody watches."""
+    with global_compiler_lock:
+        if self._ENFORCING or _watched(self):
+            _own_run_pass(self, index, one, state)
+            return
+        one.analysis = self._analysis
+        with _ErrorContext("Pass {name}", name=one.name()):
+            one.run_initialization(state)
+            one.run_pass(state)
+            one.run_finalizer(state)
+        self.exec_times[f"{index}_{one.name()}"] = _NO_TIME
+
+
+def _watched(manager: Any) -> bool:
+    return bool(
+        event._registered.get("numba:run_pass") or manager._print_before or manager._print_after or manager._print_wrap
+    )
+
+
 def use() -> None:
     """Replaces functions of numba by those of this module, for every function that this process compiles."""
     setattr(BaseFunction, "get_call_type", _known_call_type)  # noqa: B010 (numba is typed in part)
@@ -123,3 +174,6 @@ def use() -> None:
     postproc.PostProcessor.run = _postprocess
     setattr(BaseContext, "refresh", _refresh)  # noqa: B010
     setattr(TypingContext, "refresh", _refresh_typing)  # noqa: B010
+    setattr(PassManager, "_runPass", _run_pass)  # noqa: B010
+    for module in (errors, lowering, typeinfer):
+        setattr(module, "new_error_context", _ErrorContext)  # noqa: B010

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import pickle
@@ -17,6 +18,9 @@ from cosim.kept import made_once, read_kept, write_kept
 from cosim.kernel import kernel
 
 numba = pytest.importorskip("numba")
+
+from cosim import lowering  # noqa: E402
+
 pytestmark = pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
 
 
@@ -229,3 +233,21 @@ def test_code_is_made_where_no_file_can_be_locked(tmp_path: Path) -> None:
         assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["a.lock", "b.lock"]
         raise ValueError
     assert not list((tmp_path / "new").iterdir())
+
+
+def test_the_collector_goes_on_where_it_was() -> None:
+    """What others have frozen stays so; what is made without the collector is old at once."""
+    assert gc.isenabled() and not gc.get_freeze_count()
+    with lowering._without_collector():
+        made = [[] for _ in range(2 * gc.get_threshold()[0])]  # type: ignore[var-annotated]
+        assert not gc.isenabled()
+    assert gc.isenabled() and not gc.get_freeze_count()
+    assert not any(one is made for one in gc.get_objects(generation=0))
+    gc.freeze()
+    frozen = gc.get_freeze_count()
+    try:
+        with lowering._without_collector():
+            pass
+        assert gc.isenabled() and gc.get_freeze_count() >= frozen - 100  # some of them may have ended
+    finally:
+        gc.unfreeze()

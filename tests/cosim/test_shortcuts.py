@@ -7,6 +7,7 @@ import math
 import os
 import warnings
 from collections.abc import Callable
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,9 @@ import pytest
 numba = pytest.importorskip("numba")
 
 import llvmlite.binding as llvm  # noqa: E402
-from numba.core import compiler, errors, ir, postproc, types  # noqa: E402
+from numba.core import compiler, errors, event, ir, lowering, postproc, typeinfer, types  # noqa: E402
+from numba.core.compiler_lock import global_compiler_lock  # noqa: E402
+from numba.core.compiler_machinery import PassManager  # noqa: E402
 from numba.core.registry import cpu_target  # noqa: E402
 from numba.core.types.functions import BaseFunction  # noqa: E402
 
@@ -202,6 +205,71 @@ def test_other_users_of_numba() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # numba says that it falls back to Python's objects
         assert words(4) == {1: ["0"], 3: ["0", "1", "2"]}
+
+
+# ---- passes ----
+
+
+def plainly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Passes run, and errors get their contexts, as numba does it: the oracle."""
+    monkeypatch.setattr(PassManager, "_runPass", global_compiler_lock(shortcuts._own_run_pass))
+    for module in (errors, lowering, typeinfer):
+        monkeypatch.setattr(module, "new_error_context", contextmanager(shortcuts._ErrorContext.__wrapped__))
+
+
+def test_passes_make_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours = compiled(sums)
+    assert ours.count("\n") > 50
+    plainly(monkeypatch)
+    assert compiled(sums) == ours
+
+
+def sums(values: Any, n: int) -> float:
+    found = 0.0
+    for i in range(n):
+        for k in range(i):
+            if values[k] > 1.0:
+                continue
+            found += math.sin(values[i]) * values[k] + min(i, k)
+        values[1:3] = found
+    return found if n > 3 else -found
+
+
+def compiled(function: Callable[..., Any]) -> str:
+    """Lines of the machine code of a function, without its names, in which numba counts compilations."""
+    dispatcher = numba.njit(function)
+    dispatcher.compile((types.Array(types.float64, 1, "C"), types.int64))
+    (text,) = dispatcher.inspect_asm().values()
+    return "\n".join(line for line in text.splitlines() if line.startswith("\t") and "_ZN" not in line)
+
+
+def of_wrong_type(x: float) -> Any:
+    y = x + 1.0
+    return math.sin(str(y))  # type: ignore[arg-type]
+
+
+def of_unknown_name(x: float) -> Any:
+    return missing_in_this_module(x)  # type: ignore[name-defined]  # noqa: F821
+
+
+@pytest.mark.parametrize("function", [of_wrong_type, of_unknown_name])
+def test_errors_tell_the_same(function: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    def told() -> list[str]:
+        with pytest.raises(errors.TypingError) as raised:
+            numba.njit(function).compile((types.float64,))
+        return str(raised.value).split()  # numba indents it more each time
+
+    ours = told()
+    assert {"During:", "Pass", "nopython_type_inference"} <= {*ours}
+    plainly(monkeypatch)
+    assert told() == ours
+
+
+def test_who_watches_passes_sees_them() -> None:
+    with event.install_recorder("numba:run_pass") as seen:
+        numba.njit(lambda x: x + 1.0).compile((types.float64,))
+    names = [one.data["name"].split()[0] for _, one in seen.buffer if one.is_start]
+    assert {"nopython_type_inference", "native_lowering"} <= {*names}
 
 
 # ---- linking ---------------------------------------------------------------------------------------------------------
