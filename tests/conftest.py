@@ -53,12 +53,12 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 LONGEST = (
     "test_readme.py",
     "scenarios/test_builds_agree.py",
-    "master/fmi/test_runner.py",
     "master/campaigns/test_campaigns.py",
     "test_benchmarks.py",
     "test_tutorial.py",
     "scenarios/test_run_in_parts.py",
     "scenarios/test_parts_on_mpi.py",
+    "master/fmi/test_runner.py",
     "master/cli/test_terminal.py",
     "master/system/test_shipped.py",
     "master/view/test_live_page.py",
