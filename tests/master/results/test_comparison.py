@@ -233,11 +233,27 @@ class TestCommand:
         assert lines[1] == ["a.x", "0.5", "0.125", "0.1", "0.1", "1 of 4"]
         assert lines[3] == ["seed", "1", "2"]
         assert stdout.splitlines()[-1] == "different: 3 of 4 common signals agree"
-        assert self.call(str(one), str(other), "--atol", "0.5")[0] == 0
+        code, stdout, _ = self.call(str(one), str(other), "--atol", "0.5")
+        assert (code, stdout.splitlines()[-1]) == (0, "equal: 4 of 4 common signals agree")
         code, _, stderr = self.call(str(one), str(tmp_path / "nowhere"))
         assert (code, stderr[:7]) == (2, "error: ")
         assert self.call(str(one), str(other), "--atol", "inf")[0] == 2
         assert self.call(str(one), str(other), "--rtol", "-1")[0] == 2
+
+    def test_runs_whose_common_signals_agree_say_why_they_differ(self, record: Any) -> None:
+        one = record("one", COLUMNS)
+        shorter = record("shorter", {name: values[:3] for name, values in COLUMNS.items()})
+        more = record("more", {**COLUMNS, "a.y": [0.0] * 4}, packets={"lost": 3})
+        code, stdout, _ = self.call(str(one), str(shorter))
+        assert (code, stdout.splitlines()[-1]) == (
+            1,
+            "different: 4 of 4 common signals agree; the runs differ in times",
+        )
+        code, stdout, _ = self.call(str(one), str(more))
+        assert code == 1
+        assert " ".join(stdout.split()).endswith(
+            "4 of 4 common signals agree; the runs differ in signals that only one of them has and packets"
+        )
 
     def test_json(self, record: Any) -> None:
         one = record("one", COLUMNS)

@@ -91,7 +91,20 @@ def _tables(found: Comparison, runs: tuple[Path, Path]) -> Iterator[Table | str]
         spans = (f"{n} from {a:g} to {b:g} s" for n, (a, b) in zip(found.times, found.spans, strict=True))
         yield f"compared at the {found.common} times that both have, of {' and '.join(spans)}"
     equal = len(found.signals) - len(differing)
-    yield f"{'equal' if found.equal else 'different'}: {equal} of {len(found.signals)} common signals agree"
+    word = "equal" if found.equal else "different"
+    yield f"{word}: {equal} of {len(found.signals)} common signals agree{_but(found)}"
+
+
+def _but(found: Comparison) -> str:
+    """Returns why runs whose common signals agree are different; empty if they are equal, or a signal differs."""
+    if found.equal or not all(signal.equal for signal in found.signals):
+        return ""
+    reasons = {
+        "signals that only one of them has": any(found.only),
+        "packets": bool(found.packets),
+        "times": not found.same_span,
+    }
+    return f"; the runs differ in {' and '.join(reason for reason, applies in reasons.items() if applies)}"
 
 
 def _some(names: tuple[str, ...]) -> str:

@@ -99,7 +99,12 @@ class Comparison:
     def equal(self) -> bool:
         """True if the runs are equal within the tolerances."""
         alike = all(signal.equal for signal in self.signals) and not any(self.only)
-        return alike and not self.packets and _keys(self.spans[0]) == _keys(self.spans[1])
+        return alike and not self.packets and self.same_span
+
+    @property
+    def same_span(self) -> bool:
+        """True if the recordings begin and end at the same times."""
+        return _keys(self.spans[0]) == _keys(self.spans[1])
 
 
 class _Recording:

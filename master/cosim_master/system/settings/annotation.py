@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, Where
-from cosim_master.diagnostics.names import near
+from cosim_master.diagnostics.names import near, similar
 from cosim_master.files.xml import line_of
 from cosim_master.system.flatten.flat import CheckedSystem
 
@@ -128,7 +128,9 @@ class Attributes:
         """Adds a problem for each attribute that was never read."""
         unknown = [] if self.element is None else sorted(set(map(str, self.element.attrib)) - self._read)
         if unknown:
-            self.problem(f"attribute {', '.join(unknown)}: valid are {', '.join(sorted(self._read))}")
+            meant = [one for name in unknown for one in similar(name, sorted(self._read))[:1]]
+            hint = f"; did you mean {' and '.join(meant)}?" if meant else ""
+            self.problem(f"attribute {', '.join(unknown)}: valid are {', '.join(sorted(self._read))}{hint}")
         for name in sorted(self._given.keys() - self._read):
             hint = near(f"{self._tag}.{name}", (f"{self._tag}.{one}" for one in self._read))
             self.problems.append(Problem(_OPTION, f'there is no setting "{self._tag}.{name}"; {hint}'))

@@ -109,6 +109,7 @@ def test_a_system_without_monitors_has_none(prepared: Any) -> None:
     [
         ('<ordr/>', "<ordr> is unknown here: valid are order, separation, limit, fence, convergence, age, formula"),
         ('<order vehicels="*"/>', "attribute vehicels: valid are axis, end, least, name, severity, start"),
+        ('<order vehicels="*"/>', 'stop, vehicles; did you mean vehicles?'),
         ('<order vehicles="dron1"/>', 'vehicles: "dron1" matches no FMU with a position; did you mean "drone*"?'),
         ('<order vehicles="drone1"/>', "it needs at least 2 vehicles and has 1 (drone1.vehicle)"),
         ('<order axis="0 0 0"/>', 'axis="0 0 0" must be three numbers, a vector in NED, not all zero'),
