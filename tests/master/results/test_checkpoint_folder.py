@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.results.storage.checkpoint_folder import Checkpoint, Identity, Position
+from cosim_master.results.storage.checkpoint_folder import Checkpoint, Identity, Position, find
 
 MINE = Identity("digest", {"a": "1"}, start=0, base=2_500_000, steps=12_000, every=5, seed=7)
 
@@ -33,3 +33,11 @@ def test_a_run_that_is_another(change: dict[str, Any], said: str) -> None:
     with pytest.raises(SystemDescriptionError) as caught:
         one.check(replace(MINE, **change))
     assert str(caught.value).splitlines()[0] == f"run/checkpoints/28: {said}"
+
+
+def test_a_run_that_does_not_exist(tmp_path: Path) -> None:
+    with pytest.raises(SystemDescriptionError, match=rf"there is no folder {tmp_path}/run; write RUN@TIME"):
+        find(f"{tmp_path / 'run'}@5")
+    (tmp_path / "run").mkdir()
+    with pytest.raises(SystemDescriptionError, match=r"run has no checkpoint at 5 s; there are: none \(run with"):
+        find(f"{tmp_path / 'run'}@5")

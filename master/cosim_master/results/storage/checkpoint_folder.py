@@ -125,6 +125,8 @@ def find(wanted: str) -> Checkpoint:
         time = float("nan")
     if not at or time != time:
         raise wrong("write RUN@TIME, the folder of a run and a time in s")
+    if not Path(run).is_dir():
+        raise wrong(f"there is no folder {run}; write RUN@TIME, the folder of a run and a time in s")
     folder = Path(run) / "checkpoints"
     times = sorted(float(f.parent.name) for f in folder.glob("*/checkpoint.json"))
     if time not in times:
