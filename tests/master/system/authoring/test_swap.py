@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import shutil
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -458,3 +459,17 @@ def test_a_system_that_components_share_by_its_id(workshop: Any, variable: Any) 
     path = workshop.ssd("s.ssd", workshop.system(inner + workshop.component("two", "#x", type=SSD_TYPE)))
     with pytest.raises(SystemDescriptionError, match=r'"two\.part" is inside "#x", which other components share'):
         swap(path, "two.part", workshop.root / "a.fmu")
+
+
+def test_a_moved_system_says_how_it_is_moved(system: Path, tmp_path: Path) -> None:
+    moved = tmp_path / "far" / "away" / "system"
+    shutil.copytree(system, moved)
+    with pytest.raises(SystemDescriptionError) as caught, read_system(moved) as structure:
+        check(structure)
+    first = str(caught.value).splitlines()[0]
+    assert re.search(r'Quadrotor\.fmu" does not exist: no file ".*Quadrotor\.fmu"; to move a system, make one ', first)
+    assert first.endswith("file of it where it runs: uav-cosim pack")
+    (system / "values.ssv").unlink()
+    with pytest.raises(SystemDescriptionError) as caught, read_system(system) as structure:
+        check(structure)
+    assert str(caught.value).endswith('no file "' + f'{system / "values.ssv"}"')  # it lies in the system

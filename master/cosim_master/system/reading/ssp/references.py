@@ -105,7 +105,9 @@ class Files:
         if base.boundary is not None and not path.is_relative_to(base.boundary):
             return "leads out of the .ssp archive", found
         if not is_file(path):
-            return f'does not exist: no file "{shown}"', found
+            leaves = os.path.normpath(target.path).startswith(os.pardir)
+            moved = "; to move a system, make one file of it where it runs: uav-cosim pack" if leaves else ""
+            return f'does not exist: no file "{shown}"{moved}', found
         return None, found
 
 
