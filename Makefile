@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 COSIM := $(BIN)/uav-cosim
 # Modules are compiled when they are first imported; most never are.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
-# uv installs the packages of the tests in a tenth of pip's time. It does not read pip's settings (a mirror, a proxy's
+# uv installs the packages of the tests in a sixth of pip's time. It does not read pip's settings (a mirror, a proxy's
 # certificate): where it fails, its message is shown and pip goes on.
 UV := $(BIN)/uv pip install --quiet --python $(BIN)/python
 
