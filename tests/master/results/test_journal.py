@@ -357,7 +357,7 @@ def test_no_room_for_the_manifest(probes: Any, tmp_path: Path, monkeypatch: pyte
 def test_signals_end_a_run_as_ctrl_c_does(probes: Any, tmp_path: Path, name: str) -> None:
     """The first observer's look sends it; afterwards whoever handled it before handles it again."""
     number = signal.Signals[name]
-    before = signal.getsignal(number)
+    outside = signal.signal(number, signal.SIG_DFL)  # which `nohup make test` ignores
 
     class Sending:
         def __init__(self, view: View) -> None:
@@ -369,11 +369,14 @@ def test_signals_end_a_run_as_ctrl_c_does(probes: Any, tmp_path: Path, name: str
             os.kill(os.getpid(), number)
 
     probes.fmu()
-    result = simulate(
-        probes.ssd(probes.component("a"), stop=1e6), RunOptions(out=tmp_path / "out"), observers=[Sending]
-    )
-    assert (result.outcome, result.error) == ("interrupted", None)
-    assert signal.getsignal(number) is before
+    try:
+        result = simulate(
+            probes.ssd(probes.component("a"), stop=1e6), RunOptions(out=tmp_path / "out"), observers=[Sending]
+        )
+        after = signal.getsignal(number)
+    finally:
+        signal.signal(number, outside)
+    assert (result.outcome, result.error, after) == ("interrupted", None, signal.SIG_DFL)
     times = signals(tmp_path / "out")["time"].to_pylist()
     assert times == [k / 2 for k in range(len(times))]
     assert times[-1] == result.simulated_s >= 1.0
