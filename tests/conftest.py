@@ -94,6 +94,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: order.get(item.path, len(order)))
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish() -> None:
+    """Leave few objects to pytest, which looks five times through all that are left for errors in their finalizers."""
+    gc.collect()
+    gc.freeze()
+
+
 def _of_all_workers(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
     """The folder of this run that its workers share."""
     own = tmp_path_factory.getbasetemp()

@@ -22,12 +22,12 @@ import pytest
 import pythonfmu
 from fmpy.fmi1 import FMICallException, printLogMessage
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
-from fmpy.validation import validate_fmu
 from lxml import etree
 
 from cosim import Input, Model, Output
 from cosim.build import HOST, TARGETS, Built, CannotCompile, build, build_all, load_models, models_of_package
 from cosim.build.sources import sources_of
+from tests.cosim.build.validation import faults
 
 MODELS = models_of_package("cosim_models")
 INTERPRETED = tuple({model.__module__.split(".")[1]: model for model in MODELS}.values())
@@ -103,18 +103,14 @@ def python(code: str, *arguments: str, **environment: str) -> str:
 # -- modelDescription.xml -------------------------------------------------------------------------------------------
 
 
-NOT_READ_BY_FMPY = {"LargeAirspace"}
-"""It has the kinds of variables of Airspace, 57,000 of them, for which FMPy takes a minute and a half."""
-
-
-@pytest.mark.parametrize("model", [m.__name__ for m in MODELS if m.__name__ not in NOT_READ_BY_FMPY])
+@pytest.mark.parametrize("model", [m.__name__ for m in MODELS])
 def test_fmpy_finds_nothing_wrong(model: str, fmus: Path) -> None:
-    assert validate_fmu(str(fmus / f"{model}.fmu")) == []
+    assert faults(fmus / f"{model}.fmu") == []
 
 
-@pytest.mark.parametrize("model", [m.__name__ for m in INTERPRETED if m.__name__ not in NOT_READ_BY_FMPY])
+@pytest.mark.parametrize("model", [m.__name__ for m in INTERPRETED])
 def test_fmpy_finds_nothing_wrong_with_interpreted_fmus(model: str, interpreted_fmus: Path) -> None:
-    assert validate_fmu(str(interpreted_fmus / f"{model}.fmu")) == []
+    assert faults(interpreted_fmus / f"{model}.fmu") == []
 
 
 @pytest.mark.parametrize("model", [m.__name__ for m in INTERPRETED if m.kernels is not None])

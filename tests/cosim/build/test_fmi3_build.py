@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave, printLogMessage
-from fmpy.validation import validate_fmu
 from lxml import etree
 
 from cosim import Input, Model, Output
 from cosim.build import CannotCompile, build
 from cosim.build.description3 import PACKET_MIME_TYPE, exported
 from cosim.vehicle import MOTION_INPUTS
+from tests.cosim.build.validation import faults
 from tests.cosim.shipped import models_with_kernels
 from tests.models.shipped_kernels import kernels
 
@@ -80,11 +80,11 @@ def set_inputs(model: type[Model], fmu: FMU3Slave, step: int) -> None:
 
 @every_model
 def test_fmpy_finds_nothing_wrong(name: str, fmi3_fmus: Path) -> None:
-    assert validate_fmu(str(fmi3_fmus / f"{name}.fmi3.fmu")) == []
+    assert faults(fmi3_fmus / f"{name}.fmi3.fmu") == []
 
 
 def test_description_of_the_plant(plant3: Path) -> None:
-    assert validate_fmu(str(plant3)) == []
+    assert faults(plant3) == []
     assert plant3.name == "Plant.fmi3.fmu"
     described = fmpy.read_model_description(str(plant3))
     assert described.fmiVersion == "3.0"
