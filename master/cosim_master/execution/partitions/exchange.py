@@ -63,8 +63,16 @@ class Given:
     crowd: Crowd | None = None
     broken: bool = False
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the bytes of the arrays: their types are known, and most of them are empty."""
+        crowd = () if self.crowd is None else (self.crowd.boxes, self.crowd.group)
+        arrays = (*(getattr(self, name) for name in _TYPES), *crowd)
+        return _given, ([(one.tobytes(), one.shape) for one in arrays], self.broken)
+
     def chosen(self, which: np.ndarray[Any, Any]) -> Given:
         """Returns the same with some of its packets."""
+        if not which.size:
+            return self
         return replace(self, packets=self.packets[which], data=self.data[which], places=self.places[which])
 
     def with_packets(self, more: Given) -> Given:
@@ -74,6 +82,29 @@ class Given:
         packets, places = ([getattr(self, n), getattr(more, n)] for n in ("packets", "places"))
         joined = np.concatenate(packets), np.concatenate(data), np.concatenate(places)
         return replace(self, packets=joined[0], data=joined[1], places=joined[2], nodes=more.nodes, at=more.at)
+
+
+_TYPES: dict[str, Any] = {
+    "packets": POST,
+    "data": np.uint8,
+    "places": np.float64,
+    "steps": np.int64,
+    "reals": np.float64,
+    "ints": np.int32,
+    "nodes": np.int64,
+    "at": np.float64,
+}
+"""The arrays of `Given` with the types of their elements."""
+
+
+def _given(parts: Sequence[tuple[bytes, tuple[int, ...]]], broken: bool) -> Given:
+    """Returns what `Given.__reduce__` has taken apart; its arrays are read only."""
+    types = (*_TYPES.values(), np.float64, np.int8)
+    arrays: list[np.ndarray[Any, Any]] = [
+        np.ndarray(shape, kind, data) for (data, shape), kind in zip(parts, types, strict=False)
+    ]
+    packets, data, places, steps, reals, ints, nodes, at, *crowd = arrays
+    return Given(packets, data, places, steps, reals, ints, nodes, at, Crowd(*crowd) if crowd else None, broken)
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +236,7 @@ class Exchange:
             if part == self._part:
                 given.append(own)
             else:
-                one = shared.chosen(kept | heads)
+                one = shared.chosen(kept | heads)  # the same object for all parts if there are no packets
                 one.packets["number"][heads[kept | heads]] = -1
                 given.append(self._with_positions(one, own, None if near is None else near.seen[:, part]))
         return given
@@ -305,7 +336,9 @@ class Exchange:
         for owner, one in enumerate(given):
             self._fill(owner, one)
             self._crowds[owner] = one.crowd
-        packets = np.concatenate([one.packets for one in given]) if given else np.zeros(0, dtype=POST)
+        if not any(len(one.packets) for one in given):
+            return
+        packets = np.concatenate([one.packets for one in given])
         data = np.zeros((len(packets), MAX_PACKET), dtype=np.uint8)
         away = np.zeros((len(packets), beyond.shape[1]), dtype=np.uint8)
         places = np.zeros((len(packets), 3))

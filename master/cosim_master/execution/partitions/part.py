@@ -263,10 +263,14 @@ class PartExecution(Execution):
         assert self._exchange is not None
         given: list[Given | None] = [*self._exchange.outgoing()]
         report = self._report()
+        pickled: dict[tuple[int, bool], bytes] = {}  # several parts may get the same
         for other in self._others:
-            asked = self._requests if self.part == 0 else None
-            message = Message(given[other], report if other == 0 else None, self._ending, requests=asked)
-            self.transport.send(other, pickle.dumps(message, protocol=5))
+            which = id(given[other]), other == 0
+            if which not in pickled:
+                asked = self._requests if self.part == 0 else None
+                message = Message(given[other], report if other == 0 else None, self._ending, requests=asked)
+                pickled[which] = pickle.dumps(message, protocol=5)
+            self.transport.send(other, pickled[which])
         own = [given[self.part] if p == self.part else None for p in range(self.cut.parts)]
         self._open.append((self._at, own, self._requests))
         self._requests = Requests()
