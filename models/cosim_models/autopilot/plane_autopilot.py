@@ -9,11 +9,11 @@ ArduPlane, the message SET_POSITION_TARGET_GLOBAL_INT changes the height alone, 
 for VTOL), and landing is UNSUPPORTED.
 
 Differences from ArduPlane: these loops instead of TECS and L1, no airspeed sensor (airspeed is taken as the speed over
-ground; the wind is estimated for the message WIND alone), no landing, no AUTOTUNE, no fail-safes, no fences. Speeds and
-the radius of circles are made for the Aerosonde.
+ground; the wind is estimated for the message WIND alone), no landing, no AUTOTUNE, no fences. Speeds and the radius of
+circles are made for the Aerosonde.
 
-The control of bank, height, speed and course is in `wing.flight`. Sources of the modes and answers: ArduPilot,
-ArduPlane/mode*.cpp and ArduPlane/GCS_MAVLink_Plane.cpp.
+The control of bank, height, speed and course is in `wing.flight`, fail-safes are in `wing.failsafes`. Sources of the
+modes and answers: ArduPilot, ArduPlane/mode*.cpp and ArduPlane/GCS_MAVLink_Plane.cpp.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from typing import Any, ClassVar
 from cosim import Memory, Model
 from cosim.kernel import kernel
 from cosim.messages import (
+    HEARTBEAT,
+    MAV_CMD_BATTERY_RESET,
     MAV_CMD_DO_AUX_FUNCTION,
     MAV_CMD_DO_CHANGE_SPEED,
     MAV_CMD_DO_SET_MISSION_CURRENT,
@@ -44,7 +46,9 @@ from cosim.messages import (
     MAV_TYPE_FIXED_WING,
 )
 from cosim.vehicle import Airframe
+from cosim_models.autopilot.gcs.battery import reset_battery
 from cosim_models.autopilot.gcs.commands import firmware, receiver, repeat_home, told
+from cosim_models.autopilot.gcs.contact import note_station
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
     continue_upload,
@@ -61,6 +65,13 @@ from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
 from cosim_models.autopilot.gcs.words import ARM_STOPPED, CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
+from cosim_models.autopilot.wing.failsafes import (
+    FAILSAFE_MEMORY,
+    FAILSAFE_PARAMETERS,
+    drain_battery,
+    failsafes,
+    permits_arming,
+)
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
@@ -73,7 +84,7 @@ from cosim_models.autopilot.wing.flight import (
     take_off,
     wing_parameters,
 )
-from cosim_models.autopilot.wing.functions import MODE_FUNCTIONS, SWITCHED_MODES, own_functions
+from cosim_models.autopilot.wing.functions import FUNCTION_MEMORY, MODE_FUNCTIONS, SWITCHED_MODES, own_functions
 from cosim_models.autopilot.wing.piloted import (
     PILOT_MEMORY,
     PILOT_PARAMETERS,
@@ -122,8 +133,22 @@ _NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
 VARIABLES = pilot_variables(
     (Airframe.plane,),
     PlaneMode.MANUAL,
-    (*wing_parameters(), *PILOT_PARAMETERS, *STICK_PARAMETERS, *switch_parameters("FLTMODE", SWITCHED_MODES)),
-    (*MISSION, *WING_MEMORY, *PILOT_MEMORY, *WIND_MEMORY, Memory("told_low", dtype="?", rare=True)),
+    (
+        *wing_parameters(),
+        *PILOT_PARAMETERS,
+        *STICK_PARAMETERS,
+        *FAILSAFE_PARAMETERS,
+        *switch_parameters("FLTMODE", SWITCHED_MODES),
+    ),
+    (
+        *MISSION,
+        *WING_MEMORY,
+        *PILOT_MEMORY,
+        *FAILSAFE_MEMORY,
+        *FUNCTION_MEMORY,
+        *WIND_MEMORY,
+        Memory("told_low", dtype="?", rare=True),
+    ),
 )
 _hear_parameter, _continue_list = parameter_protocol(VARIABLES)
 _hear_mission = mission_protocol(_FLOWN)
@@ -157,6 +182,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     if mode == _AVOID_ADSB and m.mode == _GUIDED and _is_there(m):
         tell_reached(m, 0)
     m.mode = mode
+    m.mode_by_radio = False
     m.autonomous = mode not in _BY_HAND and mode != _FBWB and mode != _CRUISE
     m.mission_active = mode == _AUTO
     m.taking_off = False
@@ -182,7 +208,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     if m.emergency_stop and not forced:
         say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
         return MAV_RESULT_FAILED
-    if not (ready(m, t) or forced):
+    if not (forced or (ready(m, t) and permits_arming(m))):
         return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t
@@ -203,6 +229,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
         return _enter(m, _LOITER, t)
     if command == MAV_CMD_DO_AUX_FUNCTION:
         return int(_use_switch(m, p1, p2, t))
+    if command == MAV_CMD_BATTERY_RESET:
+        return MAV_RESULT_ACCEPTED if reset_battery(m, p1, p2, t) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_VTOL_TRANSITION:
         say(m, MAV_SEVERITY_NOTICE, NO_VTOL, 0)
         return MAV_RESULT_FAILED
@@ -217,7 +245,9 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
 
 @kernel
 def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
-    if not _hear_parameter(m, message) and not hear_sticks(m, message, sender, t):
+    if message == HEARTBEAT or hear_sticks(m, message, sender, t):
+        note_station(m, sender, t)
+    elif not _hear_parameter(m, message):
         _hear_mission(m, message, sender, part, t)
 
 
@@ -312,13 +342,25 @@ def start(m: Any) -> int:
     m.item_since = -1.0
     home_here(m)
     rest(m)
+    drain_battery(m, 0.0)
     start_switches(m)
     start_streams(m)
     hold_here(m)
     return 0
 
 
+@kernel
+def _lands(m: Any) -> bool:  # noqa: ARG001
+    return False
+
+
+@kernel
+def _lifted_mode(m: Any) -> int:  # noqa: ARG001
+    return -1
+
+
 _reboot = rebooting(VARIABLES, start)
+_watch_failsafes = failsafes(_enter, _lands, _lifted_mode)
 
 
 @kernel
@@ -332,6 +374,8 @@ def advance(m: Any, t: float, h: float) -> int:
             return error
     if m.mavlink_rx_len > 0:
         _receive(m, t)
+    if t >= m.failsafe_due:
+        _watch_failsafes(m, t)
     if t >= m.switch_due:
         _watch_switches(m, t)
     if not m.armed:

@@ -24,6 +24,8 @@ from typing import Any, ClassVar
 from cosim import Memory, Model
 from cosim.kernel import kernel
 from cosim.messages import (
+    HEARTBEAT,
+    MAV_CMD_BATTERY_RESET,
     MAV_CMD_DO_AUX_FUNCTION,
     MAV_CMD_DO_CHANGE_SPEED,
     MAV_CMD_DO_SET_MISSION_CURRENT,
@@ -47,7 +49,9 @@ from cosim.messages import (
     MAV_TYPE_VTOL_QUADROTOR,
 )
 from cosim.vehicle import Airframe
+from cosim_models.autopilot.gcs.battery import reset_battery
 from cosim_models.autopilot.gcs.commands import firmware, receiver, repeat_home, told
+from cosim_models.autopilot.gcs.contact import note_station
 from cosim_models.autopilot.gcs.devices import continue_motor_test
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
@@ -66,6 +70,7 @@ from cosim_models.autopilot.gcs.switches import start_switches, switch_parameter
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
 from cosim_models.autopilot.gcs.words import (
     ARM_STOPPED,
+    ARM_THIS_MODE,
     FLYING,
     LANDED,
     MISSION_COMPLETE,
@@ -77,6 +82,14 @@ from cosim_models.autopilot.gcs.words import (
     TRANSITION_AUTO,
     say,
     say_figures,
+    say_mode,
+)
+from cosim_models.autopilot.wing.failsafes import (
+    FAILSAFE_MEMORY,
+    FAILSAFE_PARAMETERS,
+    drain_battery,
+    failsafes,
+    permits_arming,
 )
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
@@ -88,7 +101,7 @@ from cosim_models.autopilot.wing.flight import (
     take_off,
     wing_parameters,
 )
-from cosim_models.autopilot.wing.functions import MODE_FUNCTIONS, SWITCHED_MODES, own_functions
+from cosim_models.autopilot.wing.functions import FUNCTION_MEMORY, MODE_FUNCTIONS, SWITCHED_MODES, own_functions
 from cosim_models.autopilot.wing.hover import HOVER_MEMORY, HOVER_PARAMETERS, hover, no_lift, sink
 from cosim_models.autopilot.wing.lifted import LIFT_MEMORY, LIFT_PARAMETERS, begin_lifted, by_rotors, lifts_off
 from cosim_models.autopilot.wing.piloted import (
@@ -174,6 +187,7 @@ _FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of 
 _CLIMBED = 0.5  # m below the end of a vertical take-off
 _LANDED_SPEED, _LANDED_TIME = 0.1, 1.0  # m/s and s: slower than commanded for so long is landed
 _STATE_MC, _STATE_FW = 3, 4
+_OPTION_QRTL, _OPTION_RTL = 1 << 5, 1 << 20  # Q_OPTIONS
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
 _AUTOLAND = 26
 _FLOWN = (
@@ -203,8 +217,12 @@ VARIABLES = pilot_variables(
         *HOVER_PARAMETERS,
         *LIFT_PARAMETERS,
         *TRANSITION_PARAMETERS,
+        *FAILSAFE_PARAMETERS,
         *switch_parameters("FLTMODE", SWITCHED_MODES),
         whole("Q_GUIDED_MODE", 1, "1: hovers at the targets of GUIDED; 0: circles them"),
+        whole(
+            "Q_OPTIONS", 0, "fail-safes on the rotors: bit 5 QRTL, bit 20 RTL, none of them QLAND; others are ignored"
+        ),
         whole("Q_MAV_TYPE", MAV_TYPE_VTOL_QUADROTOR, "MAV_TYPE in the heartbeat; 0: fixed wing"),
         *RETURN_PARAMETERS,
     ),
@@ -217,6 +235,8 @@ VARIABLES = pilot_variables(
         *TRANSITION_MEMORY,
         *PROGRESS_MEMORY,
         *RETURN_MEMORY,
+        *FAILSAFE_MEMORY,
+        *FUNCTION_MEMORY,
         *WIND_MEMORY,
         Memory("circle_told", dtype="?", rare=True),  # that the circle of GUIDED is reached
         Memory("vtol_mode", dtype="?"),  # of waypoints, by DO_VTOL_TRANSITION
@@ -257,6 +277,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
             say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
             mode = _RTL
     m.mode = mode
+    m.mode_by_radio = False
     m.autonomous = mode not in _PILOTED
     m.mission_active = mode == _AUTO
     m.taking_off = False
@@ -286,10 +307,16 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     if m.emergency_stop and not forced:
         say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
         return MAV_RESULT_FAILED
-    if not (ready(m, t) or forced) or m.mode in (_QLAND, _QRTL):
+    if not (ready(m, t) or forced):
+        return MAV_RESULT_FAILED
+    if not forced and not permits_arming(m):
+        return MAV_RESULT_FAILED
+    if m.mode in (_QLAND, _QRTL):
+        say_mode(m, MAV_SEVERITY_CRITICAL, ARM_THIS_MODE, m.mode)
         return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t
+    m.armed_in_air_mode = False
     m.vtol = m.mode != _TAKEOFF
     home_here(m)
     if m.mode == _TAKEOFF:
@@ -319,6 +346,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
         return _enter(m, _LOITER, t)
     if command == MAV_CMD_DO_AUX_FUNCTION:
         return int(_use_switch(m, p1, p2, t))
+    if command == MAV_CMD_BATTERY_RESET:
+        return MAV_RESULT_ACCEPTED if reset_battery(m, p1, p2, t) else MAV_RESULT_FAILED
     if command == MAV_CMD_NAV_TAKEOFF:
         flies = not m.on_ground or m.taking_off
         if m.mode != _GUIDED or not m.armed or flies:
@@ -347,7 +376,9 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
 
 @kernel
 def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
-    if not _hear_parameter(m, message) and not hear_sticks(m, message, sender, t):
+    if message == HEARTBEAT or hear_sticks(m, message, sender, t):
+        note_station(m, sender, t)
+    elif not _hear_parameter(m, message):
         _hear_mission(m, message, sender, part, t)
 
 
@@ -544,13 +575,33 @@ def start(m: Any) -> int:
     home_here(m)
     _rest(m)
     m.lifts = True
+    drain_battery(m, 0.0)
     start_switches(m)
     start_streams(m)
     hold_here(m)
     return 0
 
 
+@kernel
+def _lands(m: Any) -> bool:
+    """Returns whether it is on its way to a vertical landing."""
+    row = m.mission_current
+    runs = m.mode == _AUTO and not m.mission_done and row < m.mission_count
+    return bool(m.mode == _QRTL or (runs and int(m.mission[row, COMMAND]) == MAV_CMD_NAV_VTOL_LAND))
+
+
+@kernel
+def _lifted_mode(m: Any) -> int:
+    """Returns the mode to which a fail-safe changes in this mode on the rotors, -1: it is on the wing."""
+    if m.mode == _AUTO:
+        return _QLAND if m.taking_off else -1
+    if m.mode not in _BY_ROTORS:
+        return -1
+    return _RTL if m.Q_OPTIONS & _OPTION_RTL != 0 else _QRTL if m.Q_OPTIONS & _OPTION_QRTL != 0 else _QLAND
+
+
 _reboot = rebooting(VARIABLES, start)
+_watch_failsafes = failsafes(_enter, _lands, _lifted_mode)
 
 
 @kernel
@@ -564,6 +615,8 @@ def advance(m: Any, t: float, h: float) -> int:
             return error
     if m.mavlink_rx_len > 0:
         _receive(m, t)
+    if t >= m.failsafe_due:
+        _watch_failsafes(m, t)
     if t >= m.switch_due:
         _watch_switches(m, t)
     if not m.armed:

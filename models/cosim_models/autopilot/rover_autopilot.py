@@ -46,7 +46,9 @@ from cosim.messages import (
     SET_POSITION_TARGET_LOCAL_NED,
 )
 from cosim.vehicle import Airframe
+from cosim_models.autopilot.gcs.battery import battery_permits_arming, reset_battery
 from cosim_models.autopilot.gcs.commands import firmware, receiver, told
+from cosim_models.autopilot.gcs.contact import note_station
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
     P1,
@@ -73,6 +75,8 @@ from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.switches import HIGH, start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, home_here, local_target, say_home
 from cosim_models.autopilot.gcs.words import (
+    ARM_GPS,
+    ARM_MODE,
     ARM_STOPPED,
     DESTINATION,
     MISSION_DONE,
@@ -82,14 +86,13 @@ from cosim_models.autopilot.gcs.words import (
     SAVED_NONE,
     say,
 )
-from cosim_models.autopilot.surface.battery import battery_permits_arming, drain, reset_battery
 from cosim_models.autopilot.surface.circling import CIRCLE_MEMORY, CIRCLE_PARAMETERS, begin_circle, circle
 from cosim_models.autopilot.surface.driving import DRIVE_MEMORY, DRIVE_PARAMETERS, STANDING, cruise, drive, stop
 from cosim_models.autopilot.surface.failsafes import (
     FAILSAFE_MEMORY,
     FAILSAFE_PARAMETERS,
+    drain_battery,
     failsafes,
-    note_station,
 )
 from cosim_models.autopilot.surface.learning import LEARN_MEMORY, begin_learning, learn
 from cosim_models.autopilot.surface.piloted import (
@@ -236,14 +239,18 @@ _enter = told(_change_mode, _MODES)
 
 @kernel
 def _arm(m: Any, forced: bool, t: float) -> int:
-    if m.mode in (_RTL, _SMART_RTL) or not (ready(m, t) or forced):
+    if not (ready(m, t) or forced):
+        return MAV_RESULT_FAILED
+    if m.mode in (_RTL, _SMART_RTL):
+        say(m, MAV_SEVERITY_CRITICAL, ARM_MODE, 0)
         return MAV_RESULT_FAILED
     if m.emergency_stop and not forced:
         say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
         return MAV_RESULT_FAILED
-    if not forced and not battery_permits_arming(m):
-        return MAV_RESULT_FAILED
-    if not forced and m.position_lost and m.mode not in _FREE:
+    blind = m.gps_silent and m.mode not in _FREE
+    if blind and not forced:
+        say(m, MAV_SEVERITY_CRITICAL, ARM_GPS, 1)
+    if not forced and (not battery_permits_arming(m) or blind):
         return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t
@@ -442,7 +449,7 @@ def start(m: Any) -> int:
     home_here(m)
     m.motor[0], m.motor[1] = 0.5, 0.5
     m.gps_lost_at = -1.0
-    drain(m, 0.0)
+    drain_battery(m, 0.0)
     start_switches(m)
     start_streams(m)
     hold_here(m)

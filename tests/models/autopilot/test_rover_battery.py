@@ -188,6 +188,43 @@ def test_a_lost_gps_is_a_lost_position(action: int, mode: int, said: list[str]) 
     assert requested(p, mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT).flags == 831
 
 
+@pytest.mark.parametrize(("seconds", "result"), [(3.5, ACCEPTED), (4.5, FAILED)])
+def test_a_silent_gps_forbids_arming_as_soon_as_it_has_no_fix(seconds: float, result: int) -> None:
+    """With a bad battery, too, both are told."""
+    p = made("rover")
+    p.until(2.5)
+    assert p.ask(SET_MODE, 1, GUIDED) == ACCEPTED
+    p.m.SIM_GPS1_ENABLE = 0
+    p.until(p.time + seconds)
+    texts(p)
+    assert p.ask(ARM, 1) == result
+    if result == FAILED:
+        assert texts(p) == [(CRITICAL, "Arm: GPS 1: Bad fix")]
+        p.m.BATT_ARM_VOLT = 13.0
+        assert p.ask(ARM, 1) == FAILED
+        said = ["Arm: GPS 1: Bad fix", "Arm: Battery 1 below minimum arming voltage"]
+        assert texts(p) == [(CRITICAL, text) for text in said]
+        assert p.ask(ARM, 1, 21196) == ACCEPTED
+
+
+def test_returning_modes_are_not_armable() -> None:
+    p = made("rover")
+    p.until(2.5)
+    assert p.ask(SET_MODE, 1, RTL) == ACCEPTED
+    texts(p)
+    assert p.ask(ARM, 1) == FAILED
+    assert texts(p) == [(CRITICAL, "Arm: Mode not armable")]
+
+
+def test_without_a_monitor_there_is_no_battery() -> None:
+    p = started("rover", pilot={"BATT_MONITOR": 0, "SIM_BATT_VOLTAGE": 5.0})
+    p.until(p.time + 12.0)
+    assert not any("Battery" in text for _, text in texts(p))
+    assert requested(p, mavlink.MAVLINK_MSG_ID_SYS_STATUS).voltage_battery == 65535
+    assert requested(p, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS).battery_remaining == -1
+    assert p.ask(RESET, 1, 100) == ACCEPTED  # as without a battery
+
+
 def test_modes_that_need_no_position_go_on_and_disarming_ends_the_failsafe() -> None:
     p = on_its_way(0)
     assert p.ask(SET_MODE, 1, MANUAL) == ACCEPTED
@@ -200,6 +237,7 @@ def test_modes_that_need_no_position_go_on_and_disarming_ends_the_failsafe() -> 
     assert texts(p) == [(6, "Throttle disarmed"), (CRITICAL, "EKF failsafe cleared")]
     assert p.ask(SET_MODE, 1, GUIDED) == ACCEPTED
     assert p.ask(ARM, 1) == FAILED
+    assert texts(p) == [(CRITICAL, "Arm: GPS 1: Bad fix")]
     assert p.ask(SET_MODE, 1, MANUAL) == ACCEPTED
     assert p.ask(ARM, 1) == ACCEPTED
     p = on_its_way(0, FS_EKF_THRESH=0.0)

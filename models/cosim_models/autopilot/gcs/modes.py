@@ -26,7 +26,7 @@ from cosim_models.autopilot.link.available_modes import (
     put_mode,
 )
 
-__all__ = ["MODES_INTERVAL", "NEVER", "send_modes"]
+__all__ = ["MODES_INTERVAL", "NEVER", "firmware_of", "send_modes"]
 
 NEVER = 1e300
 """When [s] modes are due that nobody has asked for."""
@@ -35,7 +35,8 @@ MODES_INTERVAL = 0.1
 
 
 @kernel
-def _firmware(m: Any) -> int:
+def firmware_of(m: Any) -> int:
+    """Returns the firmware whose modes these are, by `link.available_modes`."""
     if m.kind == MAV_TYPE_QUADROTOR:
         return COPTER_MODES
     if m.kind == MAV_TYPE_GROUND_ROVER or m.kind == MAV_TYPE_SURFACE_BOAT:
@@ -54,8 +55,8 @@ def send_modes(m: Any, message: int) -> bool:
         return True
     if not can_answer(m):
         return False
-    index = next_mode(m, _firmware(m))
+    index = next_mode(m, firmware_of(m))
     if index == 0:
         return True
-    put_mode(m.payload, _firmware(m), index)
+    put_mode(m.payload, firmware_of(m), index)
     return send_defined(m, AVAILABLE_MODES, MODES_CRC, MODES_LENGTH)

@@ -147,6 +147,7 @@ _MEMORY = (
     Memory("battery_used", rare=True),  # mAh
     Memory("battery_left", rare=True),  # %
     Memory("battery_alarm", dtype="i4", rare=True),
+    Memory("critical", dtype="?", rare=True),  # a fail-safe of a plane is there
     Memory("gps_silent", dtype="?", rare=True),
     Memory("position_lost", dtype="?", rare=True),
     *STICK_MEMORY,

@@ -39,6 +39,7 @@ __all__ = [
     "YAW",
     "deflection",
     "hear_sticks",
+    "is_held",
     "opening",
     "overridden",
     "pulse_of",
@@ -81,6 +82,7 @@ STICK_PARAMETERS = (
 STICK_MEMORY = (
     Memory("sticks_known", dtype="?"),  # there have been overrides, which may have ended
     Memory("overrides_off", dtype="?", rare=True),  # by a switch
+    Memory("sticks_ignored", dtype="?", rare=True),  # the radio counts as lost
     Memory("rc_override", dtype="i4", shape=CHANNELS, rare=True),  # us, 0: none
     Memory("rc_until", shape=CHANNELS, rare=True),  # s, when the override ends
 )
@@ -141,9 +143,15 @@ def hear_sticks(m: Any, message: int, sender: int, t: float) -> bool:
 
 
 @kernel
-def overridden(m: Any, i: int, t: float) -> bool:
-    """Returns whether channel i (from 0) is overridden."""
+def is_held(m: Any, i: int, t: float) -> bool:
+    """Returns whether there is an override of channel i (from 0)."""
     return bool(m.rc_override[i] != 0 and t < m.rc_until[i] and not m.overrides_off)
+
+
+@kernel
+def overridden(m: Any, i: int, t: float) -> bool:
+    """Returns whether channel i (from 0) is overridden: not while the radio counts as lost."""
+    return bool(is_held(m, i, t) and not m.sticks_ignored)
 
 
 @kernel

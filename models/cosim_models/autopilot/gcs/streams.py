@@ -44,6 +44,7 @@ from cosim.messages import (
     MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED,
     MAV_SEVERITY_INFO,
     MAV_STATE_ACTIVE,
+    MAV_STATE_CRITICAL,
     MAV_STATE_STANDBY,
     MAV_TYPE_GROUND_ROVER,
     MAV_TYPE_QUADROTOR,
@@ -191,7 +192,8 @@ def _send_state(m: Any, row: int, t: float) -> bool:
     if message == HEARTBEAT:
         base_mode = 1 + (128 if m.armed else 0) + (8 if m.autonomous else 64)
         active = m.armed if surface else not m.on_ground
-        encode_heartbeat(m.payload, m.kind, 3, base_mode, m.mode, MAV_STATE_ACTIVE if active else MAV_STATE_STANDBY, 3)
+        state = MAV_STATE_CRITICAL if m.critical else MAV_STATE_ACTIVE if active else MAV_STATE_STANDBY
+        encode_heartbeat(m.payload, m.kind, 3, base_mode, m.mode, state, 3)
     elif message == SYS_STATUS:
         _put_status(m, t)
     elif message == EKF_STATUS_REPORT:
@@ -207,8 +209,10 @@ def _send_state(m: Any, row: int, t: float) -> bool:
         put_mission_current(m)
     elif message == SERVO_OUTPUT_RAW:
         _put_servos(m, surface, t)
-    elif (surface and message == TERRAIN_REPORT) or (m.lifts and message == BATTERY_STATUS):
-        return True  # a rover needs no terrain, and ArduPilot's simulated quadplane has no battery monitor
+    elif (surface and message == TERRAIN_REPORT) or (
+        m.lifts and message == BATTERY_STATUS and m.battery_voltage == 0.0
+    ):
+        return True  # a rover needs no terrain; without a battery monitor, ArduPilot's quadplane says nothing
     elif message == WIND and (surface or m.kind == MAV_TYPE_QUADROTOR):
         return True
     elif not put_sensed(m, message, t):

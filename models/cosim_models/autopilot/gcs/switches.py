@@ -5,7 +5,7 @@ mode switch once it has been moved, or is asked for its mode by a function, othe
 over a record that has the variables of `gcs.record`, `switch_parameters` and `SWITCH_MEMORY`.
 
 Differences from ArduPilot: without a pilot's first override there are no switches, where ArduPilot reads those of its
-receiver at the boot. Functions of parts that are not on board are accepted and do nothing.
+receiver at the boot. Functions of parts that are not on board are accepted and do nothing; of planes, a text says so.
 
 Source: ArduPilot, RC_Channel (read_mode_switch, read_aux, do_aux_function).
 """
@@ -26,12 +26,14 @@ from cosim.messages import (
     MAV_RESULT_FAILED,
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_NOTICE,
+    MAV_TYPE_GROUND_ROVER,
+    MAV_TYPE_SURFACE_BOAT,
 )
 from cosim.model import record_layout
 from cosim_models.autopilot.commander.positions import LAST_POSITION, UNKNOWN, has_moved, new_mode_position
 from cosim_models.autopilot.gcs.devices import set_relay
 from cosim_models.autopilot.gcs.sticks import CHANNELS, overridden, pulse_of, receiver_pulse
-from cosim_models.autopilot.gcs.words import COMPASS_ARMED, EKF_SOURCE, NO_OPTION, SWITCHES, TOLD, say
+from cosim_models.autopilot.gcs.words import COMPASS_ARMED, EKF_SOURCE, NO_EFFECT, NO_OPTION, SWITCHES, TOLD, say
 
 __all__ = [
     "ARM_AIR_MODE",
@@ -148,8 +150,12 @@ def _set(m: Any, function: int, at: int) -> bool:
     elif function == _CALIBRATE:
         if at == HIGH and m.armed:
             say(m, MAV_SEVERITY_NOTICE, COMPASS_ARMED, 0)
+    elif _is_idle(function):
+        surface = m.kind in (MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT)
+        if 0 < function < _SCRIPTS[0] and at != _LOW and not surface:
+            say(m, MAV_SEVERITY_INFO, NO_EFFECT, function)
     else:
-        return _is_idle(function)
+        return False
     return True
 
 

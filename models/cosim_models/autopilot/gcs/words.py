@@ -11,7 +11,9 @@ import numpy as np
 
 from cosim.kernel import kernel
 from cosim.messages import STATUSTEXT, encode_statustext, put_statustext_text
+from cosim_models.autopilot.gcs.modes import firmware_of
 from cosim_models.autopilot.gcs.sending import send
+from cosim_models.autopilot.link.available_modes import letter_of_mode, row_of_mode
 
 __all__ = [
     "ABOVE",
@@ -20,7 +22,12 @@ __all__ = [
     "APPROACH",
     "ARMED",
     "ARM_BATTERY",
+    "ARM_GPS",
+    "ARM_MODE",
     "ARM_STOPPED",
+    "ARM_THIS_MODE",
+    "ARM_TIMEOUTS",
+    "ASSISTANCE",
     "AUTO_GOES_ON",
     "BAROMETER",
     "BATTERY_ALARM",
@@ -43,6 +50,7 @@ __all__ = [
     "FENCE_FETCH_OLD",
     "FINAL",
     "FLYING",
+    "GCS_MODE",
     "GROUNDSPEED",
     "GYROS_STARTED",
     "HOME_SET",
@@ -55,6 +63,8 @@ __all__ = [
     "LEARNS",
     "LEARN_FAILED",
     "LOG_DISARM",
+    "LONG_CLEARED",
+    "LONG_MODE",
     "LOST",
     "MISSION_COMPLETE",
     "MISSION_DONE",
@@ -67,11 +77,13 @@ __all__ = [
     "NOT_LEARNING",
     "NO_AUTOLAND",
     "NO_DOCK",
+    "NO_EFFECT",
     "NO_LANDING",
     "NO_MESSAGE",
     "NO_MISSION",
     "NO_MODE",
     "NO_OPTION",
+    "NO_PARACHUTE",
     "NO_Q_MODES",
     "NO_VTOL",
     "ON_WING",
@@ -81,12 +93,18 @@ __all__ = [
     "REACHED",
     "READY",
     "RESET",
+    "RESTORED",
     "ROVER",
     "SAVED_NONE",
+    "SHORT_CLEARED",
+    "SHORT_MODE",
+    "SHORT_ON",
     "SLOWING",
     "SWITCHES",
     "TAKEOFF_GUIDED",
     "TAKES_OFF",
+    "THROTTLE_BACK",
+    "THROTTLE_LOST",
     "TOLD",
     "TO_WING",
     "TRACK_FULL",
@@ -97,6 +115,7 @@ __all__ = [
     "WAITS",
     "say",
     "say_figures",
+    "say_mode",
 ]
 
 _FUNCTIONS = {
@@ -208,6 +227,24 @@ _WORDS = (
     "Cruise Learning started",
     "Cruise Learning failed",
     "Cruise Learned: Thr:% Speed:~",
+    "Arm: GPS %: Bad fix",
+    "Arm: Mode not armable",
+    "Arm: @ mode not armable",
+    "Arm: FS_LONG_TIMEOUT < FS_SHORT_TIMEOUT",
+    "Throttle failsafe on",
+    "Throttle failsafe off",
+    "RC Short Failsafe On",
+    "RC Short Failsafe: switched to @",
+    "RC Short Failsafe Cleared",
+    "RC Long Failsafe On: switched to @",
+    "RC Long Failsafe Cleared",
+    "GCS Failsafe On: switched to @",
+    "Flight mode @ restored",
+    "Parachute: none on board",
+    "Function % does nothing on this vehicle",
+    "QAssist: Disabled",
+    "QAssist: Enabled",
+    "QAssist: Force enabled",
     *(f"RC%: {name} {at}" for name in _FUNCTIONS.values() for at in ("LOW", "MIDDLE", "HIGH")),
 )
 (
@@ -300,17 +337,35 @@ _WORDS = (
     LEARNS,
     LEARN_FAILED,
     LEARNED,
+    ARM_GPS,
+    ARM_MODE,
+    ARM_THIS_MODE,
+    ARM_TIMEOUTS,
+    THROTTLE_LOST,
+    THROTTLE_BACK,
+    SHORT_ON,
+    SHORT_MODE,
+    SHORT_CLEARED,
+    LONG_MODE,
+    LONG_CLEARED,
+    GCS_MODE,
+    RESTORED,
+    NO_PARACHUTE,
+    NO_EFFECT,
+    ASSISTANCE,
+    _,
+    _,
     SWITCHES,
     *_SWITCHES_MORE,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
 """LOST and CLEARED: the texts of the radio, followed by those of the ground station; BATTERY_ALARM: low, then critical;
-ARM_BATTERY: the first of eight; SWITCHES: three for each of TOLD, of the positions low, middle and high."""
+ARM_BATTERY: the first of eight; ASSISTANCE and, for each of TOLD, SWITCHES: of the positions low, middle and high."""
 _SIZE = 50
 _TEXT = np.zeros((len(_WORDS), _SIZE), np.uint8)
 for _row, _words in enumerate(_WORDS):
     _TEXT[_row, : len(_words)] = np.frombuffer(_words.encode(), np.uint8)
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
-_PERCENT, _TENTHS, _HUNDREDTHS, _MILLIONTHS, _POINT, _MINUS, _ZERO = b"%~$^.-0"
+_PERCENT, _TENTHS, _HUNDREDTHS, _MILLIONTHS, _POINT, _MINUS, _ZERO, _NAME = b"%~$^.-0@"
 
 
 @kernel
@@ -345,11 +400,20 @@ def _decimals(byte: int) -> int:
 
 
 @kernel
-def say_figures(m: Any, severity: int, text: int, figures: tuple[float, float, float, float]) -> None:
-    """Sends a STATUSTEXT with figures in the places of its "%" (no decimals), "~" (one), "$" (two) and "^" (six).
+def _put_name(m: Any, at: int, mode: int) -> int:
+    """Writes the name of a mode at a place of the text; returns the place behind it."""
+    row = row_of_mode(firmware_of(m), mode)
+    for i in range(_SIZE - at):
+        byte = letter_of_mode(row, i)
+        if byte == 0:
+            break
+        put_statustext_text(m.payload, at, byte)
+        at += 1
+    return at
 
-    If there is no room, it is left out.
-    """
+
+@kernel
+def _say(m: Any, severity: int, text: int, figures: tuple[float, float, float, float], mode: int) -> None:
     encode_statustext(m.payload, severity, 0, 0)
     at, used = 0, 0
     for i in range(_SIZE):
@@ -362,10 +426,27 @@ def say_figures(m: Any, severity: int, text: int, figures: tuple[float, float, f
         if decimals >= 0:
             at = _put_figure(m, at, figures[used], decimals)
             used += 1
+        elif byte == _NAME:
+            at = _put_name(m, at, mode)
         else:
             put_statustext_text(m.payload, at, byte)
             at += 1
     send(m, _STATUSTEXT)
+
+
+@kernel
+def say_figures(m: Any, severity: int, text: int, figures: tuple[float, float, float, float]) -> None:
+    """Sends a STATUSTEXT with figures in the places of its "%" (no decimals), "~" (one), "$" (two) and "^" (six).
+
+    If there is no room, it is left out.
+    """
+    _say(m, severity, text, figures, 0)
+
+
+@kernel
+def say_mode(m: Any, severity: int, text: int, mode: int) -> None:
+    """Sends a STATUSTEXT with the name of a mode in the place of its "@"; if there is no room, it is left out."""
+    _say(m, severity, text, (0.0, 0.0, 0.0, 0.0), mode)
 
 
 @kernel

@@ -27,8 +27,10 @@ __all__ = [
     "QUADPLANE_MODES",
     "ROVER_MODES",
     "ask_for_modes",
+    "letter_of_mode",
     "next_mode",
     "put_mode",
+    "row_of_mode",
 ]
 
 AVAILABLE_MODES, AVAILABLE_MODES_MONITOR = (cast(int, np.int64(i)) for i in (435, 437))
@@ -97,3 +99,19 @@ def put_mode(payload: Bytes, firmware: int, index: int) -> None:
     put_u8(payload, _PLACE_OF_INDEX, index)
     for i in range(_NAMES.shape[1]):
         put_u8(payload, _PLACE_OF_NAME + i, int(_NAMES[row, i]))
+
+
+@kernel
+def row_of_mode(firmware: int, number: int) -> int:
+    """Returns the row of a mode in the table, -1: the firmware has no such mode."""
+    first = int(_FIRST[firmware])
+    for row in range(first, first + _COUNT[firmware]):
+        if _NUMBERS[row] == number:
+            return row
+    return -1
+
+
+@kernel
+def letter_of_mode(row: int, i: int) -> int:
+    """Returns a byte of the name of a mode, by its row; 0 behind the end."""
+    return int(_NAMES[row, i]) if row >= 0 and i < _NAMES.shape[1] else 0

@@ -1,11 +1,12 @@
 """Fail-safes of rovers and boats: a lost ground station, a lost radio, a low battery, a lost position, and a crash.
 
 Ten times a second. Ground station and radio act by FS_ACTION when a cause has lasted for FS_TIMEOUT, in HOLD only with
-FS_OPTIONS 1, and never in RTL; the mode does not change back. Battery and position are in `surface.battery` and
+FS_OPTIONS 1, and never in RTL; the mode does not change back. Battery and position are in `gcs.battery` and
 `surface.estimate`. A vehicle that an autonomous mode drives and that neither moves nor turns for 2 s, or leans by more
 than CRASH_ANGLE, has crashed.
 
-Source: ArduPilot, Rover/failsafe.cpp, Rover.cpp (gcs_failsafe_check), radio.cpp, crash_check.cpp.
+Source: ArduPilot, Rover/failsafe.cpp, Rover.cpp (gcs_failsafe_check), Rover.h (urgency of the battery's actions),
+radio.cpp, crash_check.cpp.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from cosim import Memory
 from cosim.frames import roll_pitch_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import MAV_RESULT_ACCEPTED, MAV_SEVERITY_EMERGENCY, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
+from cosim_models.autopilot.gcs.battery import BATTERY_MEMORY, alarming, battery_parameters, drain
+from cosim_models.autopilot.gcs.contact import CONTACT_MEMORY, station_is_lost
 from cosim_models.autopilot.gcs.record import real, whole
 from cosim_models.autopilot.gcs.sticks import THROTTLE, overridden, pulse_of
 from cosim_models.autopilot.gcs.words import AUTO_GOES_ON, CLEARED, CRASHED, LOST, say
-from cosim_models.autopilot.surface.battery import BATTERY_MEMORY, BATTERY_PARAMETERS, drain, new_action
 from cosim_models.autopilot.surface.estimate import (
     ESTIMATE_MEMORY,
     ESTIMATE_PARAMETERS,
@@ -29,7 +31,7 @@ from cosim_models.autopilot.surface.estimate import (
     watching_estimate,
 )
 
-__all__ = ["FAILSAFE_MEMORY", "FAILSAFE_PARAMETERS", "failsafes", "note_station"]
+__all__ = ["FAILSAFE_MEMORY", "FAILSAFE_PARAMETERS", "drain_battery", "failsafes"]
 
 _PERIOD = 0.1  # s
 _RADIO, _STATION = 1, 2  # bits of causes; the texts are in this order
@@ -40,6 +42,7 @@ _CRASHED = 20  # checks
 _STILL = 0.08  # m/s and rad/s
 _IDLE = 0.05  # throttle
 _HOLD_AND_DISARM = 2  # FS_CRASH_CHECK
+_URGENCY = (_TERMINATE, _HOLD, _RTL, _TRACK_OR_HOLD, _TRACK, _NONE)
 
 FAILSAFE_PARAMETERS = (
     whole("FS_ACTION", _HOLD, "fail-safe: 0 none, 1 RTL, 2 HOLD, 3 SMART_RTL or RTL, 4 or HOLD, 5 disarms, 6 LOITER"),
@@ -52,7 +55,7 @@ FAILSAFE_PARAMETERS = (
     real("CRASH_ANGLE", "deg", 0.0, "lean that is a crash, 0: none"),
     whole("FS_OPTIONS", 0, "1: fail-safes act in HOLD, too"),
     whole("SIM_RC_FAIL", 0, "1: the simulated receiver gives no pulses"),
-    *BATTERY_PARAMETERS,
+    *battery_parameters("an action as of FS_ACTION"),
     *ESTIMATE_PARAMETERS,
 )
 FAILSAFE_MEMORY = (
@@ -60,21 +63,17 @@ FAILSAFE_MEMORY = (
     Memory("failsafe_bits", dtype="i4", rare=True),  # causes that are there
     Memory("failsafe_acted", dtype="i4", rare=True),  # causes for which it has acted
     Memory("failsafe_since", rare=True),  # s
-    Memory("station_known", dtype="?", rare=True),
-    Memory("station_heard", rare=True),  # s
-    Memory("radio_heard", rare=True),  # s
     Memory("crash_count", dtype="i4", rare=True),
+    *CONTACT_MEMORY,
     *BATTERY_MEMORY,
     *ESTIMATE_MEMORY,
 )
 
 
 @kernel
-def note_station(m: Any, sender: int, t: float) -> None:
-    """Notes a sign of life of the ground station."""
-    if sender == m.SYSID_MYGCS:
-        m.station_known = True
-        m.station_heard = t
+def drain_battery(m: Any, t: float) -> None:
+    """Drains the battery for the throttle."""
+    drain(m, abs(2.0 * m.motor[1] - 1.0) if m.armed else 0.0, t)
 
 
 @kernel
@@ -131,6 +130,7 @@ def failsafes(
     """
 
     watch_estimate = watching_estimate(free, hold, enter)
+    new_action = alarming(_URGENCY)
 
     @kernel
     def act(m: Any, action: int, t: float) -> None:
@@ -170,7 +170,7 @@ def failsafes(
     @kernel
     def watch(m: Any, t: float) -> None:
         m.failsafe_due = t + _PERIOD - 1e-9
-        drain(m, t)
+        drain_battery(m, t)
         action = new_action(m, t)
         if action != _NONE:
             act(m, action, t)
@@ -183,8 +183,7 @@ def failsafes(
         if m.FS_THR_ENABLE != 0:
             trigger(m, _RADIO, _radio_is_lost(m, t), m.FS_THR_ENABLE == _GOES_ON, t)
         if m.FS_GCS_ENABLE != 0 and m.station_known:
-            lost = t - m.station_heard >= m.FS_GCS_TIMEOUT
-            trigger(m, _STATION, lost, m.FS_GCS_ENABLE == _GOES_ON, t)
+            trigger(m, _STATION, station_is_lost(m, m.FS_GCS_TIMEOUT, t), m.FS_GCS_ENABLE == _GOES_ON, t)
         if not m.armed or m.FS_CRASH_CHECK == 0 or not m.autonomous:
             m.crash_count = 0
         elif _is_crashed(m):

@@ -4,8 +4,8 @@ Height and speed are controlled together: the throttle follows the sum of the er
 energy), the pitch their difference (balance of energy). The course follows the vector field around the circle, which
 leads straight to its centre from afar. Bank and pitch have proportional loops with rate damping.
 
-Kernels over a record that has `wing_parameters` and `WING_MEMORY` beside the variables of `gcs.record`. They write the
-first four elements of `motor`: aileron, elevator, throttle, rudder.
+Kernels over a record that has `wing_parameters` and `WING_MEMORY` beside the variables of `gcs.record` and
+`wing.functions`. They write the first four elements of `motor`: aileron, elevator, throttle, rudder.
 
 Sources: A. A. Lambregts, Vertical flight path and speed control autopilot design using total energy principles, AIAA
 83-2239; R. W. Beard, T. W. McLain, Small Unmanned Aircraft, Princeton 2012, chapter 10 (orbits).
@@ -115,10 +115,13 @@ def servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None
     roll, nose = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
     p, q, r = float(m.angular_velocity[0]), float(m.angular_velocity[1]), float(m.angular_velocity[2])
     speed = max(math.sqrt(m.velocity[0] ** 2 + m.velocity[1] ** 2 + m.velocity[2] ** 2), 5.0)
-    turn = _GRAVITY * math.tan(clip(roll, -1.0, 1.0)) / speed  # rad/s of a level turn
+    lean, up = roll, 1.0
+    if m.inverted:
+        lean, bank, up = wrap_pi(roll - math.pi), bank + math.pi, -1.0
+    turn = _GRAVITY * math.tan(clip(lean, -1.0, 1.0)) / speed  # rad/s of a level turn
     aileron = 1.0 * wrap_pi(bank - roll) - 0.15 * p
     m.elevator_trim = clip(m.elevator_trim + 0.8 * (pitch - nose) * h, -1.0, 1.0)
-    elevator = m.elevator_trim + 2.0 * (pitch - nose) - 0.35 * (q - turn * math.sin(roll))
+    elevator = up * (m.elevator_trim + 2.0 * (pitch - nose)) - 0.35 * (q - turn * math.sin(roll))
     rudder = 0.3 * (turn * math.cos(roll) - r)
     m.motor[0] = 0.5 + 0.5 * clip(aileron, -1.0, 1.0)
     m.motor[1] = 0.5 + 0.5 * clip(elevator, -1.0, 1.0)

@@ -1,19 +1,28 @@
 """Functions of switches that planes have and rovers have not, and the modes that switches change to.
 
-Kernels over a record that has `SWITCH_MEMORY` of `gcs.switches`.
+Inverted flight is that of a plane without rotors, in all modes but MANUAL and ACRO. On quadplanes, the rotors' help on
+the wing can be forbidden and forced, and air mode lets them turn with the throttle closed in QSTABILIZE and QACRO. The
+emergency landing makes fail-safes glide (FBWA). Of functions of parts that are not on board, a text says so.
 
-Source: ArduPilot, ArduPlane/RC_Channel_Plane.cpp, config.h (modes of the mode switch).
+Kernels over a record that has `SWITCH_MEMORY` of `gcs.switches` and `FUNCTION_MEMORY`.
+
+Source: ArduPilot, ArduPlane/RC_Channel_Plane.cpp, config.h (modes of the mode switch), VTOL_Assist.h.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
+import numpy as np
+
+from cosim import Memory
 from cosim.kernel import kernel
+from cosim.messages import MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.switches import ARM_AIR_MODE, HIGH, return_to_switch
+from cosim_models.autopilot.gcs.words import ASSISTANCE, NO_EFFECT, say
 
-__all__ = ["MODE_FUNCTIONS", "SWITCHED_MODES", "own_functions"]
+__all__ = ["ASSISTS", "FORBIDDEN", "FORCED", "FUNCTION_MEMORY", "MODE_FUNCTIONS", "SWITCHED_MODES", "own_functions"]
 
 _MANUAL, _CIRCLE, _TRAINING, _ACRO, _FBWA, _CRUISE = 0, 1, 3, 4, 5, 7
 _AUTO, _RTL, _LOITER, _TAKEOFF, _GUIDED, _QSTABILIZE, _QRTL, _AUTOLAND = 10, 11, 12, 13, 15, 17, 21, 26
@@ -37,11 +46,42 @@ MODE_FUNCTIONS = (
 """Auxiliary functions and the modes to which they change."""
 SWITCHED_MODES = (_RTL, _RTL, _FBWA, _FBWA, _MANUAL, _MANUAL)
 """Modes of the positions of the mode switch."""
-_RESET = 96
-_LOW = 0
-_IDLE = (22, 43, 64, 82, 84, 86, 87, 88, 89, 91, 95, 106, 107, 155, 157, 160, 173, 176, 180, 208, 209, 210)
-"""For parachute, inverted flight, reverse thrust, help of the rotors, air mode, terrain, crow flaps, soaring, flare,
-airspeed sensor, tail wheel, tuning, trims, landings, weather vane, forward throttle, flaps and air brakes."""
+ASSISTS, FORCED, FORBIDDEN = (cast(int, np.int64(i)) for i in range(3))
+"""The rotors' help on the wing, `assistance`."""
+_INVERTED, _ASSIST, _AIR_MODE, _RESET, _EMERGENCY_LANDING = 43, 82, 84, 96, 157
+_LOW, _MIDDLE = 0, 1
+_IDLE = (22, 64, 86, 87, 88, 89, 91, 95, 106, 107, 155, 160, 173, 176, 180, 208, 209, 210)
+"""For parachute, reverse thrust, terrain, crow flaps, soaring, flare, airspeed sensor, tail wheel, tuning, trims,
+landings, weather vane, forward throttle, flaps and air brakes."""
+
+FUNCTION_MEMORY = (
+    Memory("inverted", dtype="?"),
+    Memory("assistance", dtype="i4"),
+    Memory("air_mode", dtype="?", rare=True),  # by its switch
+    Memory("armed_in_air_mode", dtype="?", rare=True),
+    Memory("emergency_landing", dtype="?", rare=True),
+)
+
+
+@kernel
+def _set(m: Any, function: int, at: int) -> bool:
+    """Does what needs no kernel of the vehicle; returns whether a function is one of these."""
+    if function == _INVERTED and not m.lifts:
+        m.inverted = at == HIGH
+    elif function == _ASSIST and m.lifts:
+        m.assistance = FORCED if at == HIGH else FORBIDDEN if at == _LOW else ASSISTS
+        say(m, MAV_SEVERITY_INFO, ASSISTANCE + at, 0)
+    elif function == _AIR_MODE and m.lifts:
+        if at != _MIDDLE:
+            m.air_mode = at == HIGH
+    elif function == _EMERGENCY_LANDING:
+        if at != _MIDDLE:
+            m.emergency_landing = at == HIGH
+    elif function in _IDLE or function in (_INVERTED, _ASSIST, _AIR_MODE):
+        say(m, MAV_SEVERITY_INFO, NO_EFFECT, function)
+    else:
+        return False
+    return True
 
 
 def own_functions(arm: Callable[[Any, bool, float], int]) -> Callable[[Any, int, int, float], bool]:
@@ -60,10 +100,11 @@ def own_functions(arm: Callable[[Any, bool, float], int]) -> Callable[[Any, int,
         elif function == ARM_AIR_MODE:
             if at == HIGH and not m.armed:
                 arm(m, False, t)
+                m.armed_in_air_mode = m.armed
             elif at == _LOW:
                 m.armed = False
         else:
-            return function in _IDLE
+            return bool(_set(m, function, at))
         return True
 
     return use_own

@@ -1,8 +1,9 @@
 """Modes in which a pilot flies on lifting rotors: QSTABILIZE, QHOVER, QLOITER and QACRO.
 
 QSTABILIZE leans and thrusts as the sticks say, QHOVER leans and climbs; QLOITER moves, and brakes and stays where the
-sticks are centred; QACRO asks for rates. The stick of yaw asks for a rate of turn. Kernels over a record that has
-`LIFT_PARAMETERS`, `LIFT_MEMORY` and what `wing.hover` needs.
+sticks are centred; QACRO asks for rates. The stick of yaw asks for a rate of turn. In air mode, the rotors hold the
+attitude with the throttle closed, too. Kernels over a record that has `LIFT_PARAMETERS`, `LIFT_MEMORY` and what
+`wing.hover` needs.
 
 Differences from ArduPlane: QLOITER's limits of jerk and its delay before it brakes are missing, and so are expo and
 time constant of yaw and Q_PILOT_ACCEL_Z.
@@ -147,7 +148,7 @@ def by_rotors(m: Any, t: float, h: float) -> None:
             level_flight(m, roll, pitch, climb, turn, h)
         return
     stick = opening(m, t)
-    if stick <= 0.0:  # the rotors idle
+    if stick <= 0.0 and not (m.air_mode or m.armed_in_air_mode):  # the rotors idle
         rest(m)
         no_lift(m)
     elif m.mode == _QSTABILIZE:

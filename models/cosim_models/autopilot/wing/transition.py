@@ -4,7 +4,7 @@ From the rotors to the wing: the propeller accelerates the vehicle, which the ro
 AIRSPEED_MIN; then, within Q_TRANSITION_MS, the wing takes over. Back: near its place it slows down to AIRSPEED_MIN, and
 from a distance of v2 / (2 Q_TRANS_DECEL) + 2 s v on the rotors run as air brakes while the wing still steers; after a
 second at least, when it is slow or too fast for the rest of the way, the rotors alone carry it. On the wing, they come
-to its help below 3/4 of AIRSPEED_MIN.
+to its help below 3/4 of AIRSPEED_MIN, unless a switch forbids it, and at all speeds if it says so.
 
 Source: ArduPilot, ArduPlane/quadplane.cpp (SLT_Transition, vtol_position_controller), in its outlines.
 """
@@ -20,6 +20,7 @@ from cosim.messages import MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import real
 from cosim_models.autopilot.gcs.words import FAST_ENOUGH, ON_WING, TO_WING, say, say_figures
 from cosim_models.autopilot.wing.flight import bank_for, circle, clip, cruise_speed, fly, servos
+from cosim_models.autopilot.wing.functions import FORBIDDEN, FORCED
 from cosim_models.autopilot.wing.hover import hover, lift_off, no_lift
 from cosim_models.autopilot.wing.progress import tell_above, tell_approach, tell_braking, tell_position, tell_rotors
 
@@ -92,18 +93,31 @@ def forget_target(m: Any) -> None:
 
 
 @kernel
+def _needs_help(m: Any, speed: float) -> bool:
+    """Returns whether the rotors come to the wing's help."""
+    slow = speed < _TOO_SLOW * m.AIRSPEED_MIN and m.assistance != FORBIDDEN
+    return bool(slow or m.assistance == FORCED)
+
+
+@kernel
 def on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float) -> None:
     """Flies with a bank and a speed on the wing, or gets there."""
     speed = speed_of(m)
-    if m.vtol or (m.fast_since >= 0.0 and speed < _TOO_SLOW * m.AIRSPEED_MIN):
+    if m.vtol or (m.fast_since >= 0.0 and _needs_help(m, speed)):
         m.vtol = False
         m.fast_since = -1.0
         m.told_wing = False
     if not m.told_wing:
         m.told_wing = True
+        if m.assistance == FORCED:
+            m.speed_before, m.acceleration = speed, 0.0
         say_figures(m, MAV_SEVERITY_INFO, TO_WING, (speed, 0.0, 0.0, 0.0))
     gentle = clip(bank, -_GENTLE, _GENTLE) if speed > _FLYING_SPEED else 0.0
     turn = _GRAVITY * math.tan(gentle) / max(speed, m.AIRSPEED_MIN)
+    if m.fast_since < 0.0 and m.assistance == FORCED and speed >= m.AIRSPEED_MIN:
+        fly(m, gentle, down, wanted, h)
+        lift_off(m, gentle, turn, down, 1.0, h)
+        return
     if m.fast_since < 0.0:
         servos(m, gentle, 0.0, 0.01 * m.THR_MAX, h)
         lift_off(m, gentle, turn, down, 1.0, h)
@@ -215,7 +229,7 @@ def _is_rising(m: Any, t: float) -> bool:
 @kernel
 def on_wing_alone(m: Any, t: float) -> bool:
     """Returns whether the wing carries it without the rotors, and may go on to do so."""
-    return not (m.vtol or _is_rising(m, t) or speed_of(m) < _TOO_SLOW * m.AIRSPEED_MIN)
+    return not (m.vtol or _is_rising(m, t) or _needs_help(m, speed_of(m)))
 
 
 @kernel
