@@ -3,7 +3,8 @@
 ARDUPILOT_SITL names a program beside which `ardurover` and `arduplane` lie. The questions are those of
 `benchmarks.wire`; "air" means armed in GUIDED: a rover that stands, a plane that circles, a quadplane that hovers.
 Words count as equal whatever measured number with a decimal point they tell ("Transition started airspeed 0.4"). Our
-quadplane has ArduPlane's Q_GUIDED_MODE 0. Before each question, the firmware is listened to until it is silent.
+quadplane has ArduPlane's Q_GUIDED_MODE 0, and no battery monitor. Before each question, the firmware is listened to
+until it is silent.
 
     ARDUPILOT_SITL=... python -m benchmarks.wire_others [rover|plane|quadplane ...] [--json FILE]
 """
@@ -78,7 +79,7 @@ KINDS = {
         "ArduPlane",
         preset("ardupilot_quadplane"),
         (((176, 1, 15), 0.5), ((400, 1), 0.5), (TAKEOFF, 20.0)),
-        {"Q_GUIDED_MODE": 0},
+        {"Q_GUIDED_MODE": 0, "BATT_MONITOR": 0},
     ),
 }
 

@@ -1,7 +1,7 @@
 """Messages on sensors, supplies and outputs that the small autopilots send on request.
 
-Accelerometer and gyro are the inputs; the second and third sensors measure the same. There is no magnetometer, and only
-rovers and boats have a battery: other fields are zero, or unknown. The pressure is that of the standard atmosphere.
+Accelerometer and gyro are the inputs; the second and third sensors measure the same. There is no magnetometer, and
+`IdealAutopilot` has no battery: these fields are zero, or unknown. The pressure is that of the standard atmosphere.
 
 Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common; ISO 2533 (standard atmosphere).
 """
@@ -205,7 +205,7 @@ def _put_motion(m: Any, message: int, t: float) -> bool:
 
 @kernel
 def _put_battery(m: Any) -> None:
-    """Fills BATTERY_STATUS; most have no battery to measure."""
+    """Fills BATTERY_STATUS; without a battery to measure, with unknown values."""
     volts = _UNKNOWN
     if m.battery_voltage > 0.0:
         volts = int(1e3 * m.battery_voltage + 0.5)
