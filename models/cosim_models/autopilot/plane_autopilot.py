@@ -208,7 +208,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     if m.emergency_stop and not forced:
         say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
         return MAV_RESULT_FAILED
-    if not (forced or (ready(m, t) and permits_arming(m))):
+    if not (ready(m, t) or forced) or not permits_arming(m, forced):
         return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t

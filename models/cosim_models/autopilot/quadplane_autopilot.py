@@ -307,9 +307,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     if m.emergency_stop and not forced:
         say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
         return MAV_RESULT_FAILED
-    if not (ready(m, t) or forced):
-        return MAV_RESULT_FAILED
-    if not forced and not permits_arming(m):
+    if not (ready(m, t) or forced) or not permits_arming(m, forced):
         return MAV_RESULT_FAILED
     if m.mode in (_QLAND, _QRTL):
         say_mode(m, MAV_SEVERITY_CRITICAL, ARM_THIS_MODE, m.mode)

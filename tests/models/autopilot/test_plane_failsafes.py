@@ -8,10 +8,11 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.models.autopilot.test_plane_pilot import angles, high
+from tests.models.autopilot.test_rover_battery import CRITICAL
 from tests.models.autopilot.test_rover_failsafes import INFO, WARNING, texts, with_station
 from tests.models.autopilot.test_small_autopilots import ARM, SET_MODE, WAYPOINT, made, upload
 from tests.models.autopilot.test_small_switches import AUX, flying
-from tests.models.pair import ACCEPTED, Pair
+from tests.models.pair import ACCEPTED, FAILED, Pair
 
 MANUAL, CIRCLE, FBWA, FBWB, CRUISE, AUTO, RTL, LOITER, TAKEOFF, GUIDED = 0, 1, 5, 6, 7, 10, 11, 12, 13, 15
 QSTABILIZE, QHOVER, QLOITER, QLAND, QRTL, QACRO = 17, 18, 19, 20, 21, 23
@@ -244,6 +245,36 @@ def test_a_long_loss_clears_the_overrides_and_a_switch_is_not_read_meanwhile() -
     p.hold(0.25, pulses, 0.25)  # for ever
     assert said(p, 3.0) == [long(RTL), BACK, (WARNING, "RC Long Failsafe Cleared")]
     assert p.m.rc_override.tolist() == [0] * 8
+
+
+def test_a_mode_switch_stays_where_it_is_while_the_radio_is_lost() -> None:
+    p = with_values(high(FBWA), FLTMODE6=MANUAL, FLTMODE1=FBWB, FS_LONG_TIMEOUT=30.0)
+    p.hold(1.0, [1700, 1500, 1400, 1500, 0, 0, 0, 1000], 0.25)
+    assert p.m.mode == FBWB
+    p.hold(4.0, [1700, 1500, 940, 1500, 0, 0, 0, 1000], 0.25)
+    assert p.m.mode == CIRCLE  # neither FBWB again nor MANUAL, as that of the receiver would be
+    p.hold(1.0, [1700, 1500, 1400, 1500, 0, 0, 0, 1000], 0.25)
+    assert p.m.mode == FBWB
+    assert [text for _, text in texts(p)][-1] == "Flight mode FLY_BY_WIRE_B restored"
+
+
+def test_the_rotors_keep_a_half_open_throttle_while_the_radio_is_lost() -> None:
+    p = with_values(hovering(QSTABILIZE), FS_SHORT_ACTN=3, FS_LONG_TIMEOUT=30.0)
+    p.hold(1.5, [1500, 1500, 940, 1500], 0.25)
+    assert texts(p) == [LOST]
+    assert p.m.mode == QSTABILIZE and p.m.lift == pytest.approx(float(p.m.Q_M_THST_HOVER), abs=0.02)
+
+
+@pytest.mark.parametrize("kind", ["plane", "quadplane"])
+def test_without_a_radio_from_the_start_it_is_not_armed(kind: str) -> None:
+    p = made(kind, pilot={"SIM_RC_FAIL": 1})
+    p.until(6.0)
+    assert texts(p) == []
+    for forced in (0, 21196):
+        assert p.ask(ARM, 1, forced) == FAILED
+        assert texts(p) == [(CRITICAL, "Arm: Waiting for RC")]
+    p.m.THR_FAILSAFE = 0
+    assert p.ask(ARM, 1) == ACCEPTED
 
 
 def test_overrides_stand_in_for_a_silent_receiver() -> None:

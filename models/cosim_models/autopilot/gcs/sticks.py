@@ -2,7 +2,8 @@
 
 RC_CHANNELS_OVERRIDE and MANUAL_CONTROL from the ground station (SYSID_MYGCS) set channels for RC_OVERRIDE_TIME. Those
 without an override have the pulses of ArduPilot's simulated receiver: centred sticks, a rover's throttle centred, that
-of a plane closed. (In QHOVER and QLOITER it is centred in the air, where ArduPlane's would make the vehicle sink.)
+of a plane closed. (In QHOVER and QLOITER it is centred in the air, where ArduPlane's would make the vehicle sink; in
+QSTABILIZE and QACRO, too, while the radio counts as lost.)
 
 Channels are those of the default RCMAP_*: 1 roll or steering, 2 pitch, 3 throttle, 4 yaw; 1000 to 2000 us, as RC1_MIN
 and RC1_MAX are in ArduPilot's parameters for its simulator, with a dead zone of 30 us. Kernels over a record that has
@@ -57,7 +58,7 @@ _SWITCHES = np.array([1800, 1000, 1000, 1800], np.int64)  # us, channels 5 to 8
 _IGNORED, _NO_VALUE = 65535, 32767
 _FOR_EVER = 1e300
 _READ = 0.1  # s, within which switches are read after an override
-_QHOVER, _QLOITER = 18, 19
+_QSTABILIZE, _QHOVER, _QLOITER, _QACRO = 17, 18, 19, 23
 
 STICK_PARAMETERS = (
     Parameter(
@@ -159,7 +160,8 @@ def receiver_pulse(m: Any, i: int) -> int:
     """Returns the pulse [us] that channel i (from 0) has without an override."""
     if i > YAW:
         return int(_SWITCHES[i - YAW - 1])
-    climbs = m.lifts and not m.on_ground and m.mode in (_QHOVER, _QLOITER)
+    halved = m.mode in (_QHOVER, _QLOITER) or (m.sticks_ignored and m.mode in (_QSTABILIZE, _QACRO))
+    climbs = m.lifts and not m.on_ground and halved
     if i == THROTTLE and not _is_surface(m) and not climbs:
         return _CLOSED
     return int(_CENTRE)

@@ -258,6 +258,8 @@ def switches(
     @kernel
     def watch(m: Any, t: float) -> None:
         m.switch_due = t + _PERIOD - 1e-9
+        if m.sticks_ignored:
+            return
         flies = False
         for i in range(CHANNELS):
             flies = flies or overridden(m, i, t)

@@ -1,7 +1,8 @@
 """Fail-safes of planes and quadplanes: a lost radio, a lost ground station, and a low battery.
 
 Ten times a second. The radio is lost when the receiver gives no pulses for a second, or the throttle's are not above
-THR_FS_VALUE, and 0.2 s have passed since then; meanwhile the sticks count as centred and the throttle as closed.
+THR_FS_VALUE, and 0.2 s have passed since then; meanwhile the sticks count as centred and the throttle as closed, and
+switches are not read.
 FS_SHORT_ACTN follows when it has lasted for FS_SHORT_TIMEOUT, and the mode returns when the radio does; FS_LONG_ACTN
 follows after FS_LONG_TIMEOUT, and after as long a silence of the ground station. Modes on the rotors change to QLAND,
 QRTL or RTL (Q_OPTIONS) instead. Kernels over a record with `FAILSAFE_PARAMETERS` and `FAILSAFE_MEMORY` beside the
@@ -34,6 +35,7 @@ from cosim_models.autopilot.gcs.record import real, whole
 from cosim_models.autopilot.gcs.sticks import THROTTLE, is_held, receiver_pulse
 from cosim_models.autopilot.gcs.words import (
     AFS_OFF,
+    ARM_RADIO,
     ARM_TIMEOUTS,
     CLEARED,
     GCS_MODE,
@@ -99,6 +101,7 @@ FAILSAFE_MEMORY = (
     Memory("long_pending", dtype="?", rare=True),  # it waits for the end of a take-off
     Memory("radio_count", dtype="i4", rare=True),  # checks in a row without a radio
     Memory("radio_lost", dtype="?", rare=True),
+    Memory("radio_known", dtype="?", rare=True),  # it has been heard
     *CONTACT_MEMORY,
     *BATTERY_MEMORY,
 )
@@ -118,12 +121,15 @@ def drain_battery(m: Any, t: float) -> None:
 
 
 @kernel
-def permits_arming(m: Any) -> bool:
-    """Returns whether battery and fail-safes permit arming; says why not."""
-    permits = battery_permits_arming(m)
-    if m.FS_LONG_TIMEOUT < m.FS_SHORT_TIMEOUT and m.FS_SHORT_ACTN != _SHORT_OFF:
+def permits_arming(m: Any, forced: bool) -> bool:
+    """Returns whether battery, fail-safes and radio permit arming, the last one if it is forced; says why not."""
+    permits = forced or battery_permits_arming(m)
+    if not forced and m.FS_LONG_TIMEOUT < m.FS_SHORT_TIMEOUT and m.FS_SHORT_ACTN != _SHORT_OFF:
         say(m, MAV_SEVERITY_CRITICAL, ARM_TIMEOUTS, 0)
-        return False
+        permits = False
+    if m.THR_FAILSAFE == _ON and not m.radio_known:
+        say(m, MAV_SEVERITY_CRITICAL, ARM_RADIO, 0)
+        permits = False
     return bool(permits)
 
 
@@ -142,9 +148,13 @@ def _watch_radio(m: Any, t: float) -> None:
     if not held and m.SIM_RC_FAIL == _LOW_THROTTLE:
         pulse = _LOW_PULSE
     low = m.THR_FAILSAFE != 0 and pulse <= m.THR_FS_VALUE
-    if not low and (held or m.SIM_RC_FAIL != _NO_PULSES):
+    heard = held or m.SIM_RC_FAIL != _NO_PULSES
+    m.radio_known = m.radio_known or heard
+    if heard and not low:
         m.radio_heard = t
     m.sticks_ignored = low or t - m.radio_heard > _NO_RADIO
+    if not (m.armed or m.radio_known):
+        return
     m.radio_count = min(m.radio_count + 1, _COUNT) if m.sticks_ignored else 0
     if m.radio_count == _COUNT and not m.radio_lost and m.THR_FAILSAFE == _ON:
         m.radio_lost = True
@@ -301,7 +311,7 @@ def failsafes(
         if action != 0:
             act_on_battery(m, action, t)
         if _cannot_fail(m):
-            m.radio_heard = t
+            m.radio_heard, m.radio_known = t, True
         else:
             _watch_radio(m, t)
             watch_short(m, t)
