@@ -65,13 +65,8 @@ from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
 from cosim_models.autopilot.gcs.words import ARM_STOPPED, CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
-from cosim_models.autopilot.wing.failsafes import (
-    FAILSAFE_MEMORY,
-    FAILSAFE_PARAMETERS,
-    drain_battery,
-    failsafes,
-    permits_arming,
-)
+from cosim_models.autopilot.wing.arming import permits_arming
+from cosim_models.autopilot.wing.failsafes import FAILSAFE_MEMORY, FAILSAFE_PARAMETERS, drain_battery, failsafes
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,

@@ -69,6 +69,7 @@ from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, st
 from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
 from cosim_models.autopilot.gcs.words import (
+    ARM_LEAN,
     ARM_STOPPED,
     ARM_THIS_MODE,
     FLYING,
@@ -84,13 +85,8 @@ from cosim_models.autopilot.gcs.words import (
     say_figures,
     say_mode,
 )
-from cosim_models.autopilot.wing.failsafes import (
-    FAILSAFE_MEMORY,
-    FAILSAFE_PARAMETERS,
-    drain_battery,
-    failsafes,
-    permits_arming,
-)
+from cosim_models.autopilot.wing.arming import permits_arming
+from cosim_models.autopilot.wing.failsafes import FAILSAFE_MEMORY, FAILSAFE_PARAMETERS, drain_battery, failsafes
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
     bank_for,
@@ -186,6 +182,7 @@ _ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of them it is in the air
 _CLIMBED = 0.5  # m below the end of a vertical take-off
 _LANDED_SPEED, _LANDED_TIME = 0.1, 1.0  # m/s and s: slower than commanded for so long is landed
+_LEAST_LEAN, _MOST_LEAN = 10.0, 80.0  # degrees, of Q_ANGLE_MAX
 _STATE_MC, _STATE_FW = 3, 4
 _OPTION_QRTL, _OPTION_RTL = 1 << 5, 1 << 20  # Q_OPTIONS
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
@@ -308,6 +305,9 @@ def _arm(m: Any, forced: bool, t: float) -> int:
         say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
         return MAV_RESULT_FAILED
     if not (ready(m, t) or forced) or not permits_arming(m, forced):
+        return MAV_RESULT_FAILED
+    if not forced and not _LEAST_LEAN <= m.Q_ANGLE_MAX <= _MOST_LEAN:
+        say(m, MAV_SEVERITY_CRITICAL, ARM_LEAN, 0)
         return MAV_RESULT_FAILED
     if m.mode in (_QLAND, _QRTL):
         say_mode(m, MAV_SEVERITY_CRITICAL, ARM_THIS_MODE, m.mode)

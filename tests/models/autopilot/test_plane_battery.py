@@ -164,6 +164,12 @@ def test_a_reset_takes_the_alarm_back(kind: str) -> None:
             ["Battery 1 below minimum arming voltage", "FS_LONG_TIMEOUT < FS_SHORT_TIMEOUT"],
         ),
         ({"FS_LONG_TIMEOUT": 1.0, "FS_SHORT_ACTN": 3}, []),
+        ({"ROLL_LIMIT_DEG": 2.5}, ["ROLL_LIMIT_DEG too small (2.5)"]),
+        (
+            {"PTCH_LIM_MAX_DEG": 2.0, "PTCH_LIM_MIN_DEG": 1.0},
+            ["PTCH_LIM_MAX_DEG too small (2.0)", "PTCH_LIM_MIN_DEG too large (-1.0)"],
+        ),
+        ({"AIRSPEED_MIN": 4.0}, ["AIRSPEED_MIN too low (4 < 5)"]),
         ({"BATT_MONITOR": 0, "SIM_BATT_VOLTAGE": 10.4}, []),
     ],
 )
@@ -174,6 +180,16 @@ def test_what_arming_needs(kind: str, values: dict[str, float], said: list[str])
     texts(p)
     assert p.ask(ARM, 1) == (FAILED if said else ACCEPTED)
     assert [text for text in texts(p) if text[0] == CRITICAL] == [(CRITICAL, f"Arm: {text}") for text in said]
+    assert p.ask(ARM, 1, 21196) == ACCEPTED
+
+
+@pytest.mark.parametrize("lean", [9.0, 81.0])
+def test_a_quadplane_has_to_lean(lean: float) -> None:
+    p = made("quadplane", pilot={"Q_ANGLE_MAX": lean})
+    p.until(2.5)
+    texts(p)
+    assert p.ask(ARM, 1) == FAILED
+    assert texts(p) == [(CRITICAL, "Arm: Check Q_ANGLE_MAX")]
     assert p.ask(ARM, 1, 21196) == ACCEPTED
 
 

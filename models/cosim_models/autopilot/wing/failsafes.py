@@ -22,12 +22,11 @@ from typing import Any
 
 from cosim import Memory
 from cosim.kernel import kernel
-from cosim.messages import MAV_RESULT_ACCEPTED, MAV_SEVERITY_CRITICAL, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
+from cosim.messages import MAV_RESULT_ACCEPTED, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
 from cosim_models.autopilot.gcs.battery import (
     BATTERY_MEMORY,
     alarming,
     battery_parameters,
-    battery_permits_arming,
     drain,
 )
 from cosim_models.autopilot.gcs.contact import CONTACT_MEMORY, station_is_lost
@@ -35,8 +34,6 @@ from cosim_models.autopilot.gcs.record import real, whole
 from cosim_models.autopilot.gcs.sticks import THROTTLE, is_held, receiver_pulse
 from cosim_models.autopilot.gcs.words import (
     AFS_OFF,
-    ARM_RADIO,
-    ARM_TIMEOUTS,
     CLEARED,
     GCS_MODE,
     LONG_CLEARED,
@@ -53,7 +50,7 @@ from cosim_models.autopilot.gcs.words import (
     say_mode,
 )
 
-__all__ = ["FAILSAFE_MEMORY", "FAILSAFE_PARAMETERS", "drain_battery", "failsafes", "permits_arming"]
+__all__ = ["FAILSAFE_MEMORY", "FAILSAFE_PARAMETERS", "drain_battery", "failsafes"]
 
 _PERIOD = 0.1  # s
 _NONE, _SHORT, _LONG, _GCS = range(4)  # m.failsafe_state
@@ -118,19 +115,6 @@ def drain_battery(m: Any, t: float) -> None:
                 turning += 1
         load = load / turning if turning > 0 else 0.0
     drain(m, load, t)
-
-
-@kernel
-def permits_arming(m: Any, forced: bool) -> bool:
-    """Returns whether battery, fail-safes and radio permit arming, the last one if it is forced; says why not."""
-    permits = forced or battery_permits_arming(m)
-    if not forced and m.FS_LONG_TIMEOUT < m.FS_SHORT_TIMEOUT and m.FS_SHORT_ACTN != _SHORT_OFF:
-        say(m, MAV_SEVERITY_CRITICAL, ARM_TIMEOUTS, 0)
-        permits = False
-    if m.THR_FAILSAFE == _ON and not m.radio_known:
-        say(m, MAV_SEVERITY_CRITICAL, ARM_RADIO, 0)
-        permits = False
-    return bool(permits)
 
 
 @kernel
