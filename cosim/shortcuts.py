@@ -1,21 +1,23 @@
 """Shortcuts in numba's compiler: the same types, the same IR and the same machine code in two thirds of the time.
 
 numba resolves the type of every call anew, although a thousand functions add the same two floats, it computes which
-variables are alive after each of its passes, although only the last result is used, it looks for new declarations
-of extensions several times per function, and it checks and describes each pass for those who watch it. `use` replaces
-all four.
+variables are alive after each of its passes, although only the last result is used, it prepares rewrites of functions
+that have nothing to rewrite, it looks for new declarations of extensions several times per function, and it checks and
+describes each pass for those who watch it. `use` replaces all five.
 """
 
 from __future__ import annotations
 
-from functools import wraps
+from functools import partial, wraps
 from inspect import unwrap
 from typing import Any
 
-from numba.core import errors, event, ir, lowering, postproc, transforms, typeinfer
+from numba.core import errors, event, ir, lowering, postproc, transforms, typed_passes, typeinfer
 from numba.core.base import BaseContext
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager, pass_timings
+from numba.core.rewrites.registry import rewrite_registry
+from numba.core.types import Array, StringLiteral
 from numba.core.types.functions import BaseFunction
 from numba.core.typing.context import BaseContext as TypingContext
 
@@ -56,20 +58,33 @@ def _list_variables(_: Any, value: Any) -> list[Any]:
 
 def _collect(value: Any, found: list[Any]) -> None:
     kind = type(value)
-    if kind is ir.Var:
+    how = _HOW.get(kind)
+    if how is None:
+        how = _HOW[kind] = next((way for base, way in _WAYS if issubclass(kind, base)), _NOTHING)
+    if how == _VARIABLE:
         found.append(value)
-    elif kind is ir.Loc or kind is str or kind is int or value is None:
-        pass  # most values
-    elif isinstance(value, ir.Var):
-        found.append(value)
-    elif isinstance(value, ir.Inst):
-        found.extend(value.list_vars())
-    elif isinstance(value, list | tuple):
+    elif how == _EXPRESSION:
+        for one in value._kws.values():
+            _collect(one, found)
+    elif how == _SEQUENCE:
         for one in value:
             _collect(one, found)
-    elif isinstance(value, dict):
+    elif how == _MAPPING:
         for one in value.values():
             _collect(one, found)
+    elif how == _INSTRUCTION:
+        found.extend(value.list_vars())
+
+
+_NOTHING, _VARIABLE, _EXPRESSION, _INSTRUCTION, _SEQUENCE, _MAPPING = range(6)
+_WAYS: tuple[tuple[Any, int], ...] = (
+    (ir.Var, _VARIABLE),
+    (ir.Inst, _INSTRUCTION),
+    ((list, tuple), _SEQUENCE),
+    (dict, _MAPPING),
+)
+_HOW: dict[type, int] = {ir.Expr: _EXPRESSION}
+"""How variables are found in values of a type; filled as types are met."""
 
 
 _run_postprocessor = unwrap(postproc.PostProcessor.run)
@@ -85,6 +100,35 @@ def _postprocess(self: Any, emit_dels: bool = False, **options: Any) -> None:
     function.blocks = transforms.canonicalize_cfg(function.blocks)
     function.variable_lifetime = postproc.VariableLifetime(function.blocks)
     function.generator_info = None
+
+
+# ---- rewrites --------------------------------------------------------------------------------------------------------
+
+_rewrite: Any = unwrap(typed_passes.NopythonRewrites.run_pass)
+_KNOWN = {"RewriteStringLiteralGetitems", "RewriteStringLiteralSetitems", "RewriteArrayOfConsts", "RewriteArrayExprs"}
+
+
+@wraps(_rewrite)
+def _rewrite_typed(self: Any, state: Any) -> bool:
+    """Rewrites expressions of whole arrays and fields named by text, if the function may have some."""
+    known = {one.__name__ for one in rewrite_registry.rewrites["after-inference"]} <= _KNOWN
+    statements = (one for block in state.func_ir.blocks.values() for one in block.body)
+    if known and not any(map(partial(_may_be_rewritten, state.typemap), statements)):
+        return True
+    return bool(_rewrite(self, state))
+
+
+def _may_be_rewritten(types: Any, statement: Any) -> bool:
+    """Returns whether a statement makes an array, or gets or sets an item whose index is text."""
+    kind = type(statement)
+    if kind is ir.SetItem:
+        return isinstance(types[statement.index.name], StringLiteral)
+    if kind is not ir.Assign or type(statement.value) is not ir.Expr:
+        return kind is not ir.Assign and isinstance(statement, ir.Assign | ir.SetItem)
+    value = statement.value
+    if value.op == "getitem":
+        return isinstance(types[value.index.name], StringLiteral)
+    return value.op in ("unary", "binop", "call") and isinstance(types.get(statement.target.name), Array)
 
 
 # ---- declarations ----------------------------------------------------------------------------------------------------
@@ -172,6 +216,7 @@ def use() -> None:
     setattr(BaseFunction, "get_call_type", _known_call_type)  # noqa: B010 (numba is typed in part)
     ir.Inst._rec_list_vars = _list_variables
     postproc.PostProcessor.run = _postprocess
+    typed_passes.NopythonRewrites.run_pass = _rewrite_typed
     setattr(BaseContext, "refresh", _refresh)  # noqa: B010
     setattr(TypingContext, "refresh", _refresh_typing)  # noqa: B010
     setattr(PassManager, "_runPass", _run_pass)  # noqa: B010

@@ -16,7 +16,7 @@ import pytest
 numba = pytest.importorskip("numba")
 
 import llvmlite.binding as llvm  # noqa: E402
-from numba.core import compiler, errors, event, ir, lowering, postproc, typeinfer, types  # noqa: E402
+from numba.core import compiler, errors, event, ir, lowering, postproc, typed_passes, typeinfer, types  # noqa: E402
 from numba.core.compiler_lock import global_compiler_lock  # noqa: E402
 from numba.core.compiler_machinery import PassManager  # noqa: E402
 from numba.core.registry import cpu_target  # noqa: E402
@@ -207,6 +207,62 @@ def test_other_users_of_numba() -> None:
         assert words(4) == {1: ["0"], 3: ["0", "1", "2"]}
 
 
+# ---- rewrites ----
+
+RECORD = numba.from_dtype(np.dtype([("x", "f8")]))
+
+
+def with_arrays(values: Any, _: Any) -> Any:
+    return (values + 1.0 - 2.0 * values).sum()
+
+
+def with_ufunc(values: Any, _: Any) -> Any:
+    return np.sqrt(values).sum()
+
+
+def with_list(values: Any, _: Any) -> Any:
+    return np.array([1.0, 2.0, values[0]]).sum()
+
+
+def with_field(record: Any, name: str) -> Any:
+    record[name] = record[name] + 1.0
+    return record.x
+
+
+def with_none_of_them(values: Any, record: Any) -> Any:
+    part = values[1:]
+    part[0] = record.x
+    record["x"] = part[0] * 2.0
+    return part[0] + record["x"]
+
+
+@pytest.mark.parametrize(
+    ("function", "is_rewritten"),
+    [(with_arrays, True), (with_ufunc, True), (with_list, True), (with_field, True), (with_none_of_them, False)],
+)
+def test_functions_with_something_to_rewrite_are_rewritten(
+    function: Callable[..., Any], is_rewritten: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The machine code is that of numba's own pass, which runs only if a statement may be rewritten."""
+    seen = []
+
+    def watched(self: Any, state: Any) -> bool:
+        if state.func_id.func_name == function.__name__:
+            seen.append(state.func_id.func_name)
+        return bool(original(self, state))
+
+    original = inspect.unwrap(typed_passes.NopythonRewrites.run_pass)
+    monkeypatch.setattr(shortcuts, "_rewrite", watched)
+    monkeypatch.setattr(typed_passes.NopythonRewrites, "run_pass", shortcuts._rewrite_typed)
+    arguments = types.Array(types.float64, 1, "C"), RECORD
+    if function is with_field:
+        arguments = RECORD, types.literal("x")
+    ours = compiled(function, arguments)
+    assert bool(seen) is is_rewritten
+    monkeypatch.setattr(typed_passes.NopythonRewrites, "run_pass", original)
+    assert compiled(function, arguments) == ours
+
+
 # ---- passes ----
 
 
@@ -235,10 +291,12 @@ def sums(values: Any, n: int) -> float:
     return found if n > 3 else -found
 
 
-def compiled(function: Callable[..., Any]) -> str:
+def compiled(
+    function: Callable[..., Any], arguments: tuple[Any, ...] = (types.Array(types.float64, 1, "C"), types.int64)
+) -> str:
     """Lines of the machine code of a function, without its names, in which numba counts compilations."""
     dispatcher = numba.njit(function)
-    dispatcher.compile((types.Array(types.float64, 1, "C"), types.int64))
+    dispatcher.compile(arguments)
     (text,) = dispatcher.inspect_asm().values()
     return "\n".join(line for line in text.splitlines() if line.startswith("\t") and "_ZN" not in line)
 

@@ -166,7 +166,7 @@ def test_a_reset_takes_the_alarm_back(kind: str) -> None:
         ({"FS_LONG_TIMEOUT": 1.0, "FS_SHORT_ACTN": 3}, []),
         ({"ROLL_LIMIT_DEG": 2.5}, ["ROLL_LIMIT_DEG too small (2.5)"]),
         (
-            {"PTCH_LIM_MAX_DEG": 2.0, "PTCH_LIM_MIN_DEG": 1.0},
+            {"PTCH_LIM_MAX_DEG": 2.0, "PTCH_LIM_MIN_DEG": -1.0},
             ["PTCH_LIM_MAX_DEG too small (2.0)", "PTCH_LIM_MIN_DEG too large (-1.0)"],
         ),
         ({"AIRSPEED_MIN": 4.0}, ["AIRSPEED_MIN too low (4 < 5)"]),

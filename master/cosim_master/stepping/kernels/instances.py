@@ -253,7 +253,7 @@ def begin_ahead(
 
 
 _AHEAD = 2
-"""A swarm's drones are agent, autopilot, vehicle: while a vehicle makes its step, the next autopilot's memory comes."""
+"""How far ahead memory is fetched: that of one instance takes about as long to come as another one's step."""
 
 
 @inlined

@@ -45,8 +45,8 @@ def _checks(m: Any) -> bool:
         permits = _refuse(m, ARM_ROLL, m.ROLL_LIMIT_DEG)
     if m.PTCH_LIM_MAX_DEG < _LEAST_ANGLE:
         permits = _refuse(m, ARM_PITCH_MAX, m.PTCH_LIM_MAX_DEG)
-    if m.PTCH_LIM_MIN_DEG < _LEAST_ANGLE:
-        permits = _refuse(m, ARM_PITCH_MIN, -m.PTCH_LIM_MIN_DEG)
+    if m.PTCH_LIM_MIN_DEG > -_LEAST_ANGLE:
+        permits = _refuse(m, ARM_PITCH_MIN, m.PTCH_LIM_MIN_DEG)
     if m.AIRSPEED_MIN < _LEAST_SPEED:
         permits = _refuse(m, ARM_AIRSPEED, m.AIRSPEED_MIN)
     return bool(permits)

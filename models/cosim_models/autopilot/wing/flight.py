@@ -17,7 +17,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from cosim import Memory, Variable
+from cosim import Memory, Parameter, Variable
 from cosim.frames import roll_pitch_from_quaternion, wrap_pi, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import MAV_RESULT_ACCEPTED, MAV_RESULT_DENIED, MAV_RESULT_FAILED, MAV_SEVERITY_INFO
@@ -55,7 +55,15 @@ _PARAMETERS = (
     real("WP_RADIUS", "m", 90.0, "distance at which a waypoint is reached", 1.0),
     angle("ROLL_LIMIT_DEG", 45.0, "greatest bank"),
     angle("PTCH_LIM_MAX_DEG", 20.0, "greatest pitch"),
-    angle("PTCH_LIM_MIN_DEG", 25.0, "greatest pitch, nose down; ArduPlane has it negative"),
+    Parameter(
+        "PTCH_LIM_MIN_DEG",
+        unit="deg",
+        start=-25.0,
+        minimum=-90.0,
+        maximum=0.0,
+        tunable=True,
+        description="least pitch: nose down is negative",
+    ),
     real("TRIM_THROTTLE", "%", 40.0, "throttle of level flight"),
     real("THR_MAX", "%", 75.0, "greatest throttle", 1.0),
     real("TECS_CLMB_MAX", "m/s", 5.0, "greatest rate of climb", 0.1),
@@ -133,7 +141,7 @@ def servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None
 def _mix(m: Any, bank: float, pitch: float) -> tuple[float, float]:
     """Returns bank and pitch [rad] with a pilot's sticks added: stick mixing."""
     most = math.radians(m.ROLL_LIMIT_DEG)
-    low, high = -math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG)
+    low, high = math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG)
     return clip(bank + m.mixed[0], -most, most), clip(pitch + m.mixed[1], low, high)
 
 
@@ -153,7 +161,7 @@ def _energy(m: Any, climb: float, wanted: float, h: float) -> tuple[float, float
         m.throttle_trim += 0.15 * total * h
     m.pitch_trim = clip(m.pitch_trim + 0.3 * balance * h, -0.2, 0.3)
     pitch = climb / speed + m.pitch_trim + 0.4 * balance
-    least, most = -math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG)
+    least, most = math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG)
     return clip(pitch, least, most), clip(throttle, 0.0, top)
 
 

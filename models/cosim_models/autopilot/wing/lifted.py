@@ -91,7 +91,7 @@ def _move_height(m: Any, climb: float, h: float) -> None:
 def _leans(m: Any, t: float) -> tuple[float, float]:
     """Returns roll and pitch [rad] that the sticks ask for, within the limits of the wing, too."""
     roll, pitch = deflection(m, ROLL, t), deflection(m, PITCH, t)
-    least = m.PTCH_LIM_MAX_DEG if pitch > 0.0 else m.PTCH_LIM_MIN_DEG
+    least = m.PTCH_LIM_MAX_DEG if pitch > 0.0 else -m.PTCH_LIM_MIN_DEG
     return (
         math.radians(roll * min(m.ROLL_LIMIT_DEG, m.Q_ANGLE_MAX)),
         math.radians(pitch * min(least, m.Q_ANGLE_MAX)),

@@ -95,10 +95,10 @@ def roll_stick(m: Any, t: float) -> float:
 def _pitch_stick(m: Any, throttle: float, t: float) -> float:
     """Returns the pitch [rad] that the stick of pitch asks for, lower with a throttle below TRIM_THROTTLE."""
     stick = tilt(m, PITCH, t)
-    pitch = stick * (m.PTCH_LIM_MAX_DEG if stick > 0.0 else m.PTCH_LIM_MIN_DEG)
+    pitch = stick * (m.PTCH_LIM_MAX_DEG if stick > 0.0 else -m.PTCH_LIM_MIN_DEG)
     share = 100.0 * throttle / m.TRIM_THROTTLE if m.TRIM_THROTTLE > 0.0 else 1.0
     pitch -= m.STAB_PITCH_DOWN * max(1.0 - share, 0.0)
-    return math.radians(clip(pitch, -m.PTCH_LIM_MIN_DEG, m.PTCH_LIM_MAX_DEG))
+    return math.radians(clip(pitch, m.PTCH_LIM_MIN_DEG, m.PTCH_LIM_MAX_DEG))
 
 
 @kernel
@@ -128,7 +128,7 @@ def _train(m: Any, throttle: float, t: float, h: float) -> None:
     """Passes the sticks on within the limits of bank and pitch, and holds these limits beyond them."""
     roll, pitch = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
     bank = math.radians(m.ROLL_LIMIT_DEG)
-    low, high = -math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG)
+    low, high = math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG)
     servos(m, clip(roll, -bank, bank), clip(pitch, low, high), throttle, h)
     right, up = tilt(m, ROLL, t), tilt(m, PITCH, t)
     back, fore = 2.0 * float(m.motor[0]) - 1.0, 2.0 * float(m.motor[1]) - 1.0
@@ -190,7 +190,7 @@ def mix_sticks(m: Any, t: float) -> None:
         return
     m.mixed[0] = math.radians(m.ROLL_LIMIT_DEG) * _stretched(deflection(m, ROLL, t))
     pitch = 0.0 if m.STICK_MIXING == _NO_PITCH else _stretched(deflection(m, PITCH, t))
-    m.mixed[1] = math.radians(m.PTCH_LIM_MAX_DEG if pitch > 0.0 else m.PTCH_LIM_MIN_DEG) * pitch
+    m.mixed[1] = math.radians(m.PTCH_LIM_MAX_DEG if pitch > 0.0 else -m.PTCH_LIM_MIN_DEG) * pitch
     m.mixed[2] = deflection(m, YAW, t)
 
 
