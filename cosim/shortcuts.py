@@ -120,12 +120,11 @@ def _rewrite_typed(self: Any, state: Any) -> bool:
 
 def _may_be_rewritten(types: Any, statement: Any) -> bool:
     """Returns whether a statement makes an array, or gets or sets an item whose index is text."""
-    kind = type(statement)
-    if kind is ir.SetItem:
+    if isinstance(statement, ir.SetItem):
         return isinstance(types[statement.index.name], StringLiteral)
-    if kind is not ir.Assign or type(statement.value) is not ir.Expr:
-        return kind is not ir.Assign and isinstance(statement, ir.Assign | ir.SetItem)
-    value = statement.value
+    value = statement.value if isinstance(statement, ir.Assign) else None
+    if not isinstance(value, ir.Expr):
+        return False
     if value.op == "getitem":
         return isinstance(types[value.index.name], StringLiteral)
     return value.op in ("unary", "binop", "call") and isinstance(types.get(statement.target.name), Array)

@@ -1,4 +1,4 @@
-"""Large swarms: the memory of the next instance is prefetched, which changes no bit."""
+"""Large swarms: the next instance's memory is prefetched, one FMU after the other steps; neither changes a bit."""
 
 from __future__ import annotations
 
@@ -49,3 +49,17 @@ def test_only_many_instances_are_expected(
             instances = execution.plan.instances
             assert (instances["expect"] != 0).sum() == expected
             assert bool(execution.plan.counters[EXPECTING]) == (least == 1)
+
+
+def test_instances_of_one_fmu_step_together() -> None:
+    """The system has agent, autopilot and vehicle of one drone after the other."""
+    with read_system(LINE5) as structure:
+        checked = check(structure)
+        clock, network = time_grid(checked, 1.0), network_of(checked)
+        with Execution(checked, clock, make_layout(checked, network), network, Setup()) as execution:
+            names = [checked.instances[i].name for i in execution.plan.free]
+    models = ["agent", "autopilot", "vehicle"]
+    assert sorted(names) == sorted(f"drone{i}.{model}" for i in range(1, 6) for model in models)
+    for group in (names[:5], names[5:10], names[10:]):
+        (model,) = {name.split(".")[1] for name in group}
+        assert group == [f"drone{i}.{model}" for i in range(1, 6)]
