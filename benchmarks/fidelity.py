@@ -157,16 +157,11 @@ def _come(copter: Copter, flight: Flight) -> None:
         hurry(copter, head)
         return
     approach(copter, head)
-    lead = (
-        float(head.get("before", BEFORE))
-        if hurries(head)
-        else -float(flight.before[0, 0] if flight.before is not None else 0.0)
-    )
+    hurried = float(head.get("before", BEFORE)) if hurries(head) else 0.0
+    lead = max(hurried, -float(flight.before[0, 0]) if flight.before is not None else 0.0)
     copter.begin(lead)
-    if hurries(head):
-        hurry(copter, head)
-    else:
-        copter.run(lead)
+    copter.run(lead - hurried)
+    hurry(copter, head)
 
 
 def fly(

@@ -41,7 +41,7 @@ from benchmarks.flights import (
     upload,
 )
 from benchmarks.own_physics import OwnPhysics
-from cosim.frames import EARTH_RADIUS_ARDUPILOT
+from cosim.frames import EARTH_RADIUS_ARDUPILOT, euler_from_quaternion
 from tests.models.copter import preset
 from tests.models.real_copter import READY, RealCopter
 
@@ -54,10 +54,12 @@ ARMED = 1.5
 RATE = 25.0
 """Rows a second."""
 COLUMNS = ",".join(("t,n,e,d,vn,ve,vd,yaw,des_n,des_e,des_d", *ERRORS))
-EARLY = 8.0
+LOGGED = 176127
+"""LOG_BITMASK: ArduCopter's default, with the estimate at a quarter of its loop's rate."""
+EARLY = 20.0
 """Time [s] before the command of which the errors are recorded, too."""
 _DEGREE = math.radians(1.0) * EARTH_RADIUS_ARDUPILOT  # m
-_TYPES = ("ORGN", "XKF1", "SIM2", "SIM", "PSCN", "PSCE", "PSCD", "GUIP", "GUIA", "MODE", "MAVC", "PARM", "GPS")
+_TYPES = ("ORGN", "XKF1", "XKQ", "SIM2", "SIM", "PSCN", "PSCE", "PSCD", "GUIP", "GUIA", "MODE", "MAVC", "PARM", "GPS")
 _AUTO, _TAKE_OFF, _START, _ARM = 3, 22, 300, 400
 
 
@@ -92,7 +94,7 @@ class Log:
         self.rows = {name: [] for name in _TYPES}
         reader = DFReader_binary(str(logs[0]))
         while (message := reader.recv_match(type=list(_TYPES))) is not None:
-            if message.get_type() == "XKF1" and message.C != 0:  # only the estimator that flies
+            if message.get_type() in ("XKF1", "XKQ") and message.C != 0:  # only the estimator that flies
                 continue
             fields = [getattr(message, name) for name in message._fieldnames]
             self.rows[message.get_type()].append((fields[0] / 1e6, *fields[1:]))
@@ -101,6 +103,15 @@ class Log:
         """Columns of a type of message at the given times."""
         table = np.array([[row[0], *(row[i] for i in which)] for row in self.rows[kind]], dtype=np.float64)
         return np.column_stack([np.interp(time, table[:, 0], table[:, i + 1]) for i in range(len(which))])
+
+    def angles(self, kind: str, time: NDArray[np.float64], first: int) -> NDArray[np.float64]:
+        """Roll, pitch and yaw [degrees] at the given times from a quaternion, of which `first` is the first column.
+
+        The angles of the log itself are whole hundredths of a degree.
+        """
+        table = np.array([(row[0], *row[first : first + 4]) for row in self.rows[kind]], dtype=np.float64)
+        found = np.unwrap([_euler(row) for row in table[:, 1:]], axis=0, period=360.0)
+        return np.column_stack([np.interp(time, table[:, 0], column) for column in found.T])
 
     def taken(self, head: dict[str, Any], sent: float, last: bool = False) -> float:
         """When [s] it took the command that was sent at `sent`, for the first or the last time."""
@@ -141,6 +152,12 @@ class Log:
         return [round(north, 6), round(east * scale, 6), round(home[2] - origin[2], 2)]
 
 
+def _euler(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Degrees from a quaternion."""
+    w, x, y, z = map(float, attitude)
+    return np.degrees(euler_from_quaternion((w, x, y, z)))
+
+
 def heading(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     """Degrees from quaternions."""
     w, x, y, z = attitude.T
@@ -150,7 +167,7 @@ def heading(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def write(path: Path, head: dict[str, Any], rows: NDArray[np.float64]) -> None:
     """One flight; `rows` have the columns of `COLUMNS`."""
-    lines = [f"# {json.dumps(head)}", COLUMNS, *(",".join(f"{x:.3f}" for x in row) for row in rows)]
+    lines = [f"# {json.dumps(head)}", COLUMNS, *(",".join(f"{x:.6f}" for x in row) for row in rows)]
     path.write_bytes(gzip.compress(("\n".join(lines) + "\n").encode(), mtime=0))
 
 
@@ -158,11 +175,8 @@ def errors(log: Log) -> NDArray[np.float64]:
     """Rows of time [s] and the errors of the estimate: position and velocity [m, m/s, NED], Euler angles [degrees]."""
     time = np.array([row[0] for row in log.rows["XKF1"]])
     motion = log.columns("XKF1", time, 9, 10, 11, 5, 6, 7) - log.columns("SIM2", time, 1, 2, 3, 4, 5, 6)
-    angles = log.columns("XKF1", time, 2, 3) - log.columns("SIM", time, 1, 2)
-    truth = np.array([(row[0], row[3]) for row in log.rows["SIM"]])
-    yaw = np.array([row[4] for row in log.rows["XKF1"]])
-    yaw = yaw - np.interp(time, truth[:, 0], np.unwrap(truth[:, 1], period=360.0))
-    return np.column_stack([time, motion, angles, (yaw + 180.0) % 360.0 - 180.0])
+    estimate, truth = (log.angles(kind, time, first) for kind, first in (("XKQ", 2), ("SIM", 7)))
+    return np.column_stack([time, motion, (estimate - truth + 180.0) % 360.0 - 180.0])
 
 
 def flown(
@@ -191,7 +205,7 @@ def flown(
 def record(folder: Path, name: str, body: str, head: dict[str, Any], later: float = 0.0) -> Path:
     """Flies one command, `later` seconds after it could, and writes its file; returns it."""
     place = folder / f"{body}_{name}"
-    given = head.get("parameters", {})
+    given = {"LOG_BITMASK": LOGGED, **head.get("parameters", {})}
     model, values = BODIES[body]
     copter: Any = (
         OwnPhysics(place, given)

@@ -193,6 +193,14 @@ _BODY_PARAMETERS = (
         "ArduPilot's simulation",
     ),
     Parameter(
+        "inflow_loss",
+        unit="N.s2/m2",
+        start=0.0,
+        minimum=0.0,
+        description="thrust that each rotor loses over the square of the speed at which it moves through the air along "
+        "its thrust",
+    ),
+    Parameter(
         "moment_by_command",
         type=bool,
         start=False,

@@ -145,6 +145,30 @@ def test_rotor_drag_along_the_axis_with_drag_by_axis() -> None:
     assert m.velocity[2] == pytest.approx(-4.0, rel=1e-9)
 
 
+def test_a_climb_loses_the_thrust_of_the_inflow_and_a_descent_none() -> None:
+    """m dv/dt = -k v^2 with k of all rotors together, climbing: 1/v grows with k t/m; a descent does not change."""
+    k, still = (
+        0.06,
+        {"rotor_drag": 0.0, "axial_speed_limit": 0.0, "rolling_moment": 0.0, "rotor_x": 0.0, "rotor_y": 0.0},
+    )
+    for begin, end in ((-4.0, -1.0 / (0.25 + k / 1.5)), (4.0, 4.0)):
+        m = hovering(inflow_loss=k / 4.0, drag_by_axis=True, mass=1.5, **still)
+        m.velocity[2] = begin
+        run(m, 1.0)
+        assert m.velocity[2] == pytest.approx(end, rel=1e-7)
+
+
+def test_the_inflow_turns_a_vehicle_that_rolls_in_a_climb() -> None:
+    """The rotor that rises faster loses more: 2 loss v p y each, times y a moment against the roll p."""
+    still = {"rotor_drag": 0.0, "axial_speed_limit": 0.0, "rolling_moment": 0.0, "rotational_damping": 0.0}
+    m = hovering(inflow_loss=0.015, drag_by_axis=True, **still)
+    m.rotor_x[:4], m.rotor_y[:4] = (0.2, -0.2, 0.2, -0.2), (0.2, -0.2, -0.2, 0.2)
+    m.velocity[2], m.angular_velocity[0] = -5.0, 0.1
+    run(m, 0.0025)
+    fall = 4.0 * 2.0 * 0.015 * 5.0 * 0.1 * 0.2**2 / float(m.inertia[0])
+    assert (0.1 - m.angular_velocity[0]) / 0.0025 == pytest.approx(fall, rel=0.05)
+
+
 def test_thrust_falls_linearly_with_axial_speed() -> None:
     """m dv/dt = m g (1 - (1 - |v| / 25)) has the solution v0 exp(g t / 25): climbing, the hover thrust is short."""
     m = hovering(rotor_drag=0.0, rolling_moment=0.0, rotor_x=0.0, rotor_y=0.0)

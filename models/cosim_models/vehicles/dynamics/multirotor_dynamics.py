@@ -70,14 +70,14 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
     fx = fy = fz = 0.0
     mx = my = mz = 0.0
     for i in range(m.rotor_count):
-        speed = float(m.stage_speed[stage, i])
-        thrust = m.thrust_now * speed * speed
         x, y, z = float(m.rotor_x[i]), float(m.rotor_y[i]), float(m.rotor_z[i])
         hub = (
             air[0] + rates[1] * z - rates[2] * y,
             air[1] + rates[2] * x - rates[0] * z,
             air[2] + rates[0] * y - rates[1] * x,
         )
+        speed = _effective_speed(m, float(m.stage_speed[stage, i]), hub[2])
+        thrust = m.thrust_now * speed * speed
         turning = float(m.rotor_direction[i])
         f = rotor_force(speed, thrust, hub, m.vanishing, m.rotor_drag)
         t = rotor_moment(speed, thrust, hub, turning, m.moment_constant, m.rolling_moment)
@@ -95,12 +95,13 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
         fz -= own * abs(air[2]) * air[2]
         for i in range(m.rotor_count):
             x, y = float(m.rotor_x[i]), float(m.rotor_y[i])
-            along = m.rotor_drag * float(m.stage_speed[stage, i]) * (air[2] + rates[0] * y - rates[1] * x)
+            down = air[2] + rates[0] * y - rates[1] * x
+            along = m.rotor_drag * _effective_speed(m, float(m.stage_speed[stage, i]), down) * down
             fz -= along
             mx -= y * along
             my += x * along
         if m.moment_by_command:
-            mz += _moment_beyond(m, stage)
+            mz += _moment_beyond(m, stage, air[2], rates)
     elif m.quadratic_drag > 0.0:
         drag += m.quadratic_drag * sqrt(air[0] * air[0] + air[1] * air[1] + air[2] * air[2])
     force = (fx - drag * air[0], fy - drag * air[1], fz - drag * air[2])
@@ -109,13 +110,28 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
 
 
 @kernel
-def _moment_beyond(m: Any, stage: int) -> float:
+def _effective_speed(m: Any, speed: float, down: float) -> float:
+    """Returns the speed [rad/s] of a rotor in still air with the thrust that this one has while its hub moves.
+
+    Args:
+        speed: its speed [rad/s].
+        down: velocity of the hub relative to the air along the down axis [m/s]; upwards, the inflow costs thrust.
+    """
+    if m.inflow_loss == 0.0 or down >= 0.0 or m.thrust_now <= 0.0:
+        return speed
+    return sqrt(max(speed * speed - m.inflow_loss * down * down / m.thrust_now, 0.0))
+
+
+@kernel
+def _moment_beyond(m: Any, stage: int, air_down: float, rates: Vector) -> float:
     """Returns the yaw moment [N m] by which moments that grow with the command differ from those of full command."""
     moment, most = 0.0, m.speed_max * m.speed_max
     for i in range(m.rotor_count):
-        square = float(m.stage_speed[stage, i]) * float(m.stage_speed[stage, i])
+        own = float(m.stage_speed[stage, i])
+        square = own * own
         command = command_share(square / most, m.thrust_expo) if m.motor_curve != _CURVE_SPEED else sqrt(square / most)
-        moment += float(m.rotor_direction[i]) * m.moment_constant * m.thrust_now * square * (command - 1.0)
+        speed = _effective_speed(m, own, air_down + rates[0] * float(m.rotor_y[i]) - rates[1] * float(m.rotor_x[i]))
+        moment += float(m.rotor_direction[i]) * m.moment_constant * m.thrust_now * speed * speed * (command - 1.0)
     return moment
 
 
