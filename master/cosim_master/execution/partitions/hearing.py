@@ -138,7 +138,8 @@ class Promises:
         speed = 0.0
         if len(steps) > 1 and positions.shape[1]:
             moved = np.abs(np.diff(positions, axis=0)).max(axis=(1, 2)) / np.maximum(np.diff(steps), 1)
-            speed = float(np.nan_to_num(moved.max(), nan=0.0, posinf=0.0))
+            most = float(moved.max())
+            speed = most if math.isfinite(most) else 0.0
         return 2.0 * self._window * _FASTER * speed + _FROM_REST * self._reach
 
 

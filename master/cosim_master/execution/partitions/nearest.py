@@ -90,19 +90,19 @@ def concerned(network: Network, crowds: Sequence[Crowd], part: int) -> Concerned
         else:
             least, most = _distances(boxes)
             near = relevant = least <= _bounds(most, counts, network.neighbours)[:, None]
+    member = of[:, None] == np.arange(len(crowds))
+    to, by = _any_of(relevant, member), _any_of(relevant.T, member)  # (boxes, parts) relevant for a box of the part
+    pairs = member & np.asarray(relevant.any(axis=1))[:, None] | to
+    needed = pairs | member & np.asarray(relevant.any(axis=0))[:, None] | by
+    if near.any():
+        needed |= _any_of(near.T, pairs)
     own = of == part
-    heard, seen = (
-        np.zeros((int(own.sum()), len(crowds)), dtype=bool),
-        np.zeros((int(own.sum()), len(crowds)), dtype=bool),
-    )
-    for other in range(len(crowds)):
-        theirs = of == other
-        pairs = relevant & (theirs[:, None] | theirs[None, :])
-        heard[:, other] = relevant[np.ix_(own, theirs)].any(axis=1)
-        needed = pairs.any(axis=0) | pairs.any(axis=1)
-        needed |= near[pairs.any(axis=1)].any(axis=0)
-        seen[:, other] = needed[own]
-    return Concerned(heard, seen)
+    return Concerned(to[own], needed[own])
+
+
+def _any_of(one: _Mask, other: _Mask) -> _Mask:
+    """Returns the product of two matrices of truth values: whether a term of the sum is true."""
+    return np.asarray(one.astype(np.float32) @ other.astype(np.float32) > 0.0)
 
 
 def _along(boxes: _Array, counts: NDArray[np.int64], axis: _Array, nearest: int) -> _Mask:
