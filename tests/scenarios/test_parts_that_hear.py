@@ -32,6 +32,8 @@ POINTS = {"vehicle": "PointMass", "autopilot": "IdealAutopilot"}
 DRONES = [f"drone{i}" for i in range(1, 10)]
 """A square of three by three, 8 m apart."""
 UNTIL = 5.0
+BRIEFLY = 3.0
+"""Where assignments are many: all drones move, and the jamming has begun."""
 
 
 @pytest.fixture
@@ -85,6 +87,17 @@ def lossy(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, F
     return system, flight
 
 
+@pytest.fixture(scope="module")
+def lossy_briefly(lossy: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Flight]:
+    return briefly(lossy[0], tmp_path_factory.mktemp("briefly"), "lost: range", "lost: channel", "duplicates")
+
+
+def briefly(system: Path, folder: Path, *happens: str) -> tuple[Path, Flight]:
+    flight = fly(system, folder / "out", until=BRIEFLY)
+    assert min(flight.result.packets[outcome] for outcome in happens) > 10, flight.result.packets
+    return system, flight
+
+
 def in_parts(system: Path, folder: Path, parts: list[int], **options: Any) -> Path:
     file = assigned(folder / "parts.json", DRONES, parts)
     chosen = RunOptions(**{"out": folder / "parts", "until": UNTIL, "assignment": file, **options})
@@ -96,10 +109,10 @@ def in_parts(system: Path, folder: Path, parts: list[int], **options: Any) -> Pa
 @settings(max_examples=6)
 @given(parts=st.lists(st.integers(0, 3), min_size=9, max_size=9).map(lambda p: [sorted({*p}).index(one) for one in p]))
 def test_any_assignment_of_a_swarm_with_a_range(
-    lossy: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory, parts: list[int]
+    lossy_briefly: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory, parts: list[int]
 ) -> None:
-    system, whole = lossy
-    same(whole.folder, in_parts(system, tmp_path_factory.mktemp("parts"), parts))
+    system, whole = lossy_briefly
+    same(whole.folder, in_parts(system, tmp_path_factory.mktemp("parts"), parts, until=BRIEFLY))
 
 
 def test_a_part_gets_what_it_can_hear_and_no_positions_of_all(
@@ -186,13 +199,19 @@ def nearest(fmus: Path, tmp_path_factory: pytest.TempPathFactory, request: Any) 
     return system, flight
 
 
+@pytest.fixture(scope="module")
+def nearest_briefly(nearest: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Flight]:
+    jammed = ["lost: jammed"] if "lost: jammed" in nearest[1].result.packets else []
+    return briefly(nearest[0], tmp_path_factory.mktemp("briefly"), "lost: channel", "delivered", *jammed)
+
+
 @settings(max_examples=4)
 @given(parts=st.lists(st.integers(0, 3), min_size=9, max_size=9).map(lambda p: [sorted({*p}).index(one) for one in p]))
 def test_any_assignment_of_a_swarm_of_nearest_nodes(
-    nearest: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory, parts: list[int]
+    nearest_briefly: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory, parts: list[int]
 ) -> None:
-    system, whole = nearest
-    same(whole.folder, in_parts(system, tmp_path_factory.mktemp("parts"), parts))
+    system, whole = nearest_briefly
+    same(whole.folder, in_parts(system, tmp_path_factory.mktemp("parts"), parts, until=BRIEFLY))
 
 
 @pytest.mark.parametrize("topology", [{"neighbours": "2"}, {"neighbours": "1", "axis": "0 1 0"}], ids=["space", "axis"])

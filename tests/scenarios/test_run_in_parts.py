@@ -78,8 +78,8 @@ def lossy(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, F
 @pytest.mark.parametrize("parts", [1, 2, 4])
 @pytest.mark.parametrize("name", ["line5", "line5-ends"])
 def test_shipped_lines_in_parts(fmus: Path, tmp_path: Path, name: str, parts: int) -> None:
-    whole = fly(SYSTEMS / name, tmp_path / "whole", until=10.0)
-    result, errors = run_in_parts(SYSTEMS / name, RunOptions(out=tmp_path / "parts", until=10.0), parts)
+    whole = fly(SYSTEMS / name, tmp_path / "whole", until=7.0)  # all have taken off
+    result, errors = run_in_parts(SYSTEMS / name, RunOptions(out=tmp_path / "parts", until=7.0), parts)
     assert (result.outcome, errors) == ("done", [])
     same(whole.folder, tmp_path / "parts")
     told = json.loads((tmp_path / "parts" / "manifest.json").read_text())["parts"]
@@ -88,15 +88,24 @@ def test_shipped_lines_in_parts(fmus: Path, tmp_path: Path, name: str, parts: in
     assert sorted(unit for one in told for unit in one["units"]) == DRONES
 
 
+@pytest.fixture(scope="module")
+def lossy_briefly(lossy: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Flight]:
+    """The first 4 s: messages of all kinds are sent and lost, and motors are armed."""
+    system, _ = lossy
+    flight = fly(system, tmp_path_factory.mktemp("briefly") / "out", until=4.0)
+    assert flight.result.packets["lost: channel"] > 10 and flight.result.packets["duplicates"] > 10
+    return system, flight
+
+
 @settings(max_examples=5)
 @given(parts=st.lists(st.integers(0, 3), min_size=5, max_size=5).map(lambda p: [sorted({*p}).index(one) for one in p]))
 def test_any_assignment_of_a_lossy_line(
-    lossy: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory, parts: list[int]
+    lossy_briefly: tuple[Path, Flight], tmp_path_factory: pytest.TempPathFactory, parts: list[int]
 ) -> None:
-    system, whole = lossy
+    system, whole = lossy_briefly
     folder = tmp_path_factory.mktemp("parts")
     file = assigned(folder / "parts.json", DRONES, parts)
-    options = RunOptions(out=folder / "out", until=8.0, assignment=file)
+    options = RunOptions(out=folder / "out", until=4.0, assignment=file)
     result, errors = run_in_parts(system, options, max(parts) + 1)
     assert (result.outcome, errors) == ("done", [])
     same(whole.folder, folder / "out")
@@ -116,10 +125,10 @@ def test_any_assignment_of_a_lossy_line(
 )
 def test_other_radios(fmus: Path, tmp_path: Path, change: Callable[[str], str]) -> None:
     system = copy_of("line5", tmp_path, fmus, change)
-    whole = fly(system, tmp_path / "whole", until=4.0)
+    whole = fly(system, tmp_path / "whole", until=3.0)  # motors are armed
     assert whole.result.packets["delivered"] > 20
     file = assigned(tmp_path / "parts.json", DRONES, [0, 1, 2, 0, 1])
-    result, errors = run_in_parts(system, RunOptions(out=tmp_path / "parts", until=4.0, assignment=file), 3)
+    result, errors = run_in_parts(system, RunOptions(out=tmp_path / "parts", until=3.0, assignment=file), 3)
     assert (result.outcome, errors) == ("done", [])
     same(whole.folder, tmp_path / "parts")
 
