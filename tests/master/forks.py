@@ -20,9 +20,14 @@ __all__ = ["Forks", "forking"]
 
 _PROGRAM = """
 import gc, json, os, sys, threading
+from contextlib import suppress
+from importlib import import_module
 from cosim_master.cli import main
 import cosim_master.execution.simulate
 
+for name in ("pydantic.functional_validators", "pydantic.type_adapter", "pyarrow.acero", "matplotlib.figure"):
+    with suppress(ImportError):
+        import_module(name)  # what commands, and typer for them, import as they go
 gc.collect()
 gc.freeze()  # otherwise, the collection at the end of a fork copies all memory, which takes as long as the imports
 assert threading.active_count() == 1
