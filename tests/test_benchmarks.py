@@ -61,7 +61,7 @@ def test_the_model_of_parts_has_its_limits(tmp_path: Path) -> None:
 def test_a_campaign_is_measured_beside_a_loop(tmp_path: Path, fmus: Path) -> None:
     document = tmp_path / "scale.md"
     document.write_text("# Scale\n\nOther figures.\n", encoding="utf-8")
-    words = ("--seeds", "1", "--loop", "1", "--workers", "2", "--until", "2", "--docs", str(document))
+    words = ("--seeds", "1", "--loop", "1", "--workers", "1", "--until", "2", "--docs", str(document))
     found = benchmark("campaigns", tmp_path, *words)
     assert (found["loop"]["runs"], found["campaign"]["runs"]) == (1, 50)
     assert all(found[name]["processor_s_per_run"] > 0.0 for name in ("loop", "campaign"))

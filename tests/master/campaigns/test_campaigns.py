@@ -266,7 +266,7 @@ def test_killed_three_times_it_ends_with_the_same_dataset(fmus: Path, tmp_path: 
     after_first = read_runs(out).to_pylist()
     assert 3 <= len(after_first) < 18
 
-    second = subprocess.Popen([COMMAND, *words, "--workers", "2"], **quiet)
+    second = subprocess.Popen([COMMAND, *words, "--workers", "1"], **quiet)
     wait(lambda: lines(out) >= len(after_first) + 3, second)
     orphans = workers_of(second.pid)
     second.kill()
@@ -350,7 +350,7 @@ def test_workers_do_not_execute_the_program(fmus: Path, tmp_path: Path) -> None:
 def test_an_interrupted_campaign_goes_on(fmus: Path, tmp_path: Path) -> None:
     """Ctrl-C reaches all processes of a terminal."""
     words = ["sweep", "line5", "--vary", "network.loss=0,0.2", "--seeds", "9", "--metric", "packets_lost", "--until",
-             "30", "-o", "out", "--workers", "2"]  # fmt: skip
+             "30", "-o", "out", "--workers", "1"]  # fmt: skip
     out = tmp_path / "out"
     first = subprocess.Popen(
         [COMMAND, *words, "--json"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
