@@ -292,14 +292,15 @@ def compare(flight: Flight, rows: NDArray[np.float64], true: bool = False) -> di
         true: as it was told.
     """
     real, theirs = flight.real, figures_of(flight)
-    ours = rows[:, 1:4] - rows[0, 1:4]
+    begin = rows[0, 1:4] - rows[0, 0] * rows[0, 4:7]
+    ours = rows[:, 1:4] - begin
     if flight.kind == "take-off":
         mine = upwards(rows[:, 0], ours, float(flight.head.get("height", HEIGHT)))
     elif flight.target is None:
         mine = free(rows[:, 0], ours, rows[:, 4:7])
     else:
         desired = np.array([real[f"des_{axis}"][0] for axis in "ned"])
-        mine = along(rows[:, 0], ours, flight.target - (rows[0, 1:4] if errs(flight, true) else desired))
+        mine = along(rows[:, 0], ours, flight.target - (begin if errs(flight, true) else desired))
     rms, farthest = rms_of(real["t"], (rows[:, 0], ours), (real["t"], path_of(flight)))
     found = {name: (theirs[name], mine[name]) for name in theirs}
     return {**found, "rms": (0.0, rms), "farthest": (0.0, farthest)}

@@ -87,6 +87,11 @@ def goes_to_start(head: dict[str, Any]) -> bool:
     return "start" in head and kind_of(head) in ("mode", "mission", "failure")
 
 
+def body_of(name: str) -> str:
+    """Returns the body, a key of `BODIES`, of the flight of this name."""
+    return next((body for body in ("x", "hexa") if name.startswith(body)), "json")
+
+
 @dataclass(frozen=True, slots=True)
 class Flight:
     """A recorded flight: its name, the target (NED; None: no move), the columns, and the first line."""
@@ -114,7 +119,7 @@ class Flight:
 
     @property
     def body(self) -> str:
-        return next((body for body in ("x", "hexa") if self.name.startswith(body)), "json")
+        return body_of(self.name)
 
 
 def read(path: Path) -> Flight:

@@ -1,10 +1,12 @@
 """How far the real ArduCopter repeats itself: the figures of flights that were recorded several times.
 
 Takes folders in which `benchmarks.record` has recorded flights of tests/data/arducopter again, at another time after
-the start (`--later`), and writes for each flight the figures of all its recordings and the distance between each two
-of them to `REPEATS`, which `benchmarks.fidelity` reads.
+the start (`--later`), and writes for each flight the figures of all its recordings, the distance between each two
+of them and that of ours from each to `REPEATS`, which `benchmarks.fidelity` reads. With `--nearest`, the recording
+that ours is nearest to becomes the project's: ArduCopter's noise chooses among several outcomes of a flight, and ours
+should be one of them.
 
-    python -m benchmarks.repeats FOLDER [FOLDER ...]
+    python -m benchmarks.repeats FOLDER [FOLDER ...] [--nearest]
 """
 
 from __future__ import annotations
@@ -19,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.fidelity import REPEATS, figures_of, path_of, rms_of
-from benchmarks.flights import Flight, read
+from benchmarks.fidelity import REPEATS, RMS, compare, figures_of, fly, path_of, rms_of
+from benchmarks.flights import Flight, body_of, read
 from tests.models.copter import RECORDINGS
 
 
@@ -38,22 +40,37 @@ def spread(recordings: Sequence[Flight]) -> dict[str, Any]:
     return {"rms": [round(value, 3) for value in rms], "figures": figures}
 
 
+def distance(flight: Flight) -> float:
+    """The rms of the distance [m] of ours from a recording, with the errors of its estimate."""
+    return compare(flight, fly(flight, {}))["rms"][1]
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).split("\n", 1)[0])
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=REPEATS)
+    parser.add_argument("--nearest", action="store_true", help="keep the recordings that ours is nearest to")
     options = parser.parse_args(arguments)
     table = {}
     for path in sorted(RECORDINGS.glob("*.csv.gz")):
-        again = [read(folder / path.name) for folder in options.folders if (folder / path.name).exists()]
-        flights = [read(path), *(flight for flight in again if _is_another(flight, read(path)))]
-        if len(flights) > 1:
-            table[read(path).name] = spread(flights)
+        first = read(path)
+        again = [folder / path.name for folder in options.folders if (folder / path.name).exists()]
+        files = [path, *(file for file in again if _is_another(read(file), first))]
+        if len(files) > 1:
+            ours = [distance(read(file)) for file in files]
+            order = sorted(range(len(files)), key=ours.__getitem__) if options.nearest else range(len(files))
+            found = spread([read(files[i]) for i in order])
+            table[first.name] = {**found, "ours": [round(ours[i], 3) for i in order]}
+            if files[order[0]] != path:
+                path.write_bytes(files[order[0]].read_bytes())
     lines = ",\n".join(f" {json.dumps(name)}: {json.dumps(found)}" for name, found in table.items())
     options.out.write_text(f"{{\n{lines}\n}}\n")
     for name, found in table.items():
         count = len(next(iter(found["figures"].values())))
-        print(f"{name:30} {count} recordings, {max(found['rms']):.3f} m rms at most between two")
+        bound = RMS[body_of(name)]
+        close = sum(rms <= bound for rms in found["ours"])
+        print(f"{name:30} {count} recordings, {max(found['rms']):.3f} m rms at most between two", end="; ")
+        print(f"ours {min(found['ours']):.3f} m from the nearest, within {bound} m of {close}")
 
 
 def _is_another(flight: Flight, first: Flight) -> bool:

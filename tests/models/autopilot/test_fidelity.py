@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.spatial.transform import Rotation
 
 from benchmarks import fidelity, ladder, record, repeats
 from benchmarks.fidelity import compare, fly
@@ -116,6 +117,12 @@ def test_what_is_recorded_is_what_is_read(tmp_path: Path) -> None:
     assert flight.errors == pytest.approx(rows[:, 11:], abs=5e-4)
 
 
+def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """From degrees."""
+    x, y, z, w = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_quat()
+    return w, x, y, z
+
+
 def test_what_was_flown_is_taken_from_the_motion_or_from_the_log(tmp_path: Path) -> None:
     """A log of two seconds: the truth at 25 Hz from the command on, by either way."""
     log = object.__new__(record.Log)
@@ -123,11 +130,12 @@ def test_what_was_flown_is_taken_from_the_motion_or_from_the_log(tmp_path: Path)
     desired = [(t, 2.0 * t) for t in times]
     log.rows = {
         "SIM2": [(t, t, -t, 0.5 * t, 1.0, -1.0, 0.5) for t in times],
-        "SIM": [(t, 0.0, 0.0, (359.0 + 10.0 * (t - 10.0)) % 360.0) for t in times],
-        "XKF1": [
-            (t, 0, 0.5, -0.5, (1.0 + 10.0 * (t - 10.0)) % 360.0, 1.1, -1.0, 0.4, 0.0, t + 0.2, 0.3 - t, 0.5 * t)
-            for t in times[::10]
+        "SIM": [
+            (t, 0.0, 0.0, (yaw := (359.0 + 10.0 * (t - 10.0)) % 360.0), 0.0, 0.0, 0.0, *quaternion(0.0, 0.0, yaw))
+            for t in times
         ],
+        "XKQ": [(t, 0, *quaternion(0.5, -0.5, 1.0 + 10.0 * (t - 10.0))) for t in times[::10]],
+        "XKF1": [(t, 0, 0.0, 0.0, 0.0, 1.1, -1.0, 0.4, 0.0, t + 0.2, 0.3 - t, 0.5 * t) for t in times[::10]],
         **{kind: [(at, 0.0, value) for at, value in desired] for kind in ("PSCN", "PSCE", "PSCD")},
     }
     rows = record.flown(log, None, 10.5, 1.0, 0.2)
@@ -409,7 +417,28 @@ def test_recordings_of_the_same_flights_are_gathered(tmp_path: Path, capsys: pyt
     assert list(written) == ["x_up_3m"]
     assert written["x_up_3m"]["rms"] == [pytest.approx(0.02, abs=2e-3)]
     assert len(written["x_up_3m"]["figures"]["t50"]) == 2
-    assert "x_up_3m" in capsys.readouterr().out
+    assert written["x_up_3m"]["ours"] == [pytest.approx(0.01, abs=0.01), pytest.approx(0.02, abs=0.015)]
+    assert "x_up_3m" in (said := capsys.readouterr().out)
+    assert "2 recordings" in said and "within 0.1 m of 2" in said
+
+
+def test_the_nearest_of_several_recordings_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three that end 0.4, 0.0 and 0.2 m farther than ArduCopter's, the second becomes the first."""
+    lines = gzip.decompress((RECORDINGS / "x_up_3m.csv.gz").read_bytes()).decode().splitlines()
+    folders = [tmp_path / name for name in ("kept", "one", "two")]
+    for folder, farther in zip(folders, (0.4, 0.0, 0.2), strict=True):
+        rows = np.array([[float(x) for x in line.split(",")] for line in lines[2:]])
+        rows[:, 1] += farther * np.clip(rows[:, 0], 0.0, 1.0)
+        folder.mkdir()
+        record.write(folder / "x_up_3m.csv.gz", json.loads(lines[0][2:]), rows)
+    wanted = (folders[1] / "x_up_3m.csv.gz").read_bytes()
+    monkeypatch.setattr(repeats, "RECORDINGS", folders[0])
+    out = tmp_path / "repeats.json"
+    repeats.main([*map(str, folders[1:]), "--nearest", "--out", str(out)])
+    assert (folders[0] / "x_up_3m.csv.gz").read_bytes() == wanted
+    found = json.loads(out.read_text())["x_up_3m"]
+    assert found["ours"] == sorted(found["ours"]) and found["ours"][0] < 0.05 < 0.15 < found["ours"][1]
+    assert found["rms"] == [pytest.approx(farther, abs=0.02) for farther in (0.2, 0.4, 0.2)]
 
 
 def test_a_flight_that_arducopter_does_not_repeat_is_told(
