@@ -1,10 +1,10 @@
 """How far the real ArduCopter repeats itself: the figures of flights that were recorded several times.
 
 Takes folders in which `benchmarks.record` has recorded flights of tests/data/arducopter again, at another time after
-the start (`--later`), and writes for each flight the figures of all its recordings, the distance between each two
-of them and that of ours from each to `REPEATS`, which `benchmarks.fidelity` reads. With `--nearest`, the recording
-that ours is nearest to becomes the project's: ArduCopter's noise chooses among several outcomes of a flight, and ours
-should be one of them.
+the start (`--later`), and writes for each flight the figures of all its recordings, the distance between each two of
+them and that of ours from each to `REPEATS`, which `benchmarks.fidelity` reads. What is known of other flights stays.
+With `--nearest`, the recording that ours is nearest to becomes the project's: ArduCopter's noise chooses among several
+outcomes of a flight, and ours should be one of them.
 
     python -m benchmarks.repeats FOLDER [FOLDER ...] [--nearest]
 """
@@ -45,13 +45,20 @@ def distance(flight: Flight) -> float:
     return compare(flight, fly(flight, {}))["rms"][1]
 
 
+def tell(name: str, found: dict[str, Any]) -> None:
+    """Prints how far the recordings of a flight are from each other and from ours."""
+    ours, bound = found["ours"], RMS[body_of(name)]
+    print(f"{name:30} {len(ours)} recordings, {max(found['rms']):.3f} m rms at most between two", end="; ")
+    print(f"ours {min(ours):.3f} m from the nearest, within {bound} m of {sum(rms <= bound for rms in ours)}")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).split("\n", 1)[0])
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=REPEATS)
     parser.add_argument("--nearest", action="store_true", help="keep the recordings that ours is nearest to")
     options = parser.parse_args(arguments)
-    table = {}
+    table = json.loads(options.out.read_text()) if options.out.exists() else {}
     for path in sorted(RECORDINGS.glob("*.csv.gz")):
         first = read(path)
         again = [folder / path.name for folder in options.folders if (folder / path.name).exists()]
@@ -61,16 +68,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             order = sorted(range(len(files)), key=ours.__getitem__) if options.nearest else range(len(files))
             found = spread([read(files[i]) for i in order])
             table[first.name] = {**found, "ours": [round(ours[i], 3) for i in order]}
+            tell(first.name, table[first.name])
             if files[order[0]] != path:
                 path.write_bytes(files[order[0]].read_bytes())
-    lines = ",\n".join(f" {json.dumps(name)}: {json.dumps(found)}" for name, found in table.items())
+    lines = ",\n".join(f" {json.dumps(name)}: {json.dumps(found)}" for name, found in sorted(table.items()))
     options.out.write_text(f"{{\n{lines}\n}}\n")
-    for name, found in table.items():
-        count = len(next(iter(found["figures"].values())))
-        bound = RMS[body_of(name)]
-        close = sum(rms <= bound for rms in found["ours"])
-        print(f"{name:30} {count} recordings, {max(found['rms']):.3f} m rms at most between two", end="; ")
-        print(f"ours {min(found['ours']):.3f} m from the nearest, within {bound} m of {close}")
 
 
 def _is_another(flight: Flight, first: Flight) -> bool:
