@@ -475,7 +475,7 @@ def test_a_flight_that_arducopter_does_not_repeat_is_told(
 
 
 def test_what_is_known_of_repetitions() -> None:
-    """Eight were recorded nine times: ours is as near as asked to one of them, which ArduCopter's others need not be."""
+    """Eight flights were recorded nine times: ours is as near to one of them as is asked, not so to all."""
     known = json.loads(fidelity.REPEATS.read_text())
     for name, found in known.items():
         flight = read(RECORDINGS / f"{name}.csv.gz")
