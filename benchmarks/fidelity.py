@@ -351,8 +351,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"{'flight':24} {'kind':9} {'figure':13} {'ArduCopter':>10} {'ours':>8} {'':>8} verdict")
     spreads = json.loads(REPEATS.read_text()) if REPEATS.exists() else {}
     counts = {True: Counter[str](), False: Counter[str]()}
+    chosen = 0
     for path in options.flights or sorted(RECORDINGS.glob("*.csv.gz")):
         flight = read(path)
+        chosen += path.parent == RECORDINGS and spreads.get(flight.name, {}).get("nearest", False)
         for name, (theirs, mine) in compare(flight, fly(flight, parameters, true=options.true), options.true).items():
             share = f"{100 * (mine / theirs - 1):+.1f} %" if theirs else ""
             found = verdict(flight, name, theirs, mine)
@@ -364,6 +366,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     whole, rms = ({key: n for key, n in count.items() if key} for count in (counts[False], counts[True]))
     again = whole.get("ok", 0) + whole.get("repeats", 0), rms.get("ok", 0) + rms.get("repeats", 0)
     print(f"within what ArduCopter repeats: {again[0]} of {sum(whole.values())} rows, rms of {again[1]} flights")
+    if chosen:
+        print(f"{chosen} of these flights: of several recordings that differ, the one nearest to ours ({REPEATS.name})")
     rows, flights = sum(whole.values()), sum(rms.values())
     print(f"{whole.get('ok', 0)} of {rows} rows ok; rms of {rms.get('ok', 0)} of {flights} flights ok")
 

@@ -55,7 +55,7 @@ RATE = 25.0
 """Rows a second."""
 COLUMNS = ",".join(("t,n,e,d,vn,ve,vd,yaw,des_n,des_e,des_d", *ERRORS))
 LOGGED = 176127
-"""LOG_BITMASK: ArduCopter's default, with the estimate at a quarter of its loop's rate."""
+"""LOG_BITMASK: ArduCopter's default, with the estimate 25 times a second instead of ten."""
 EARLY = 20.0
 """Time [s] before the command of which the errors are recorded, too."""
 _DEGREE = math.radians(1.0) * EARTH_RADIUS_ARDUPILOT  # m

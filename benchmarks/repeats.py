@@ -4,7 +4,8 @@ Takes folders in which `benchmarks.record` has recorded flights of tests/data/ar
 the start (`--later`), and writes for each flight the figures of all its recordings, the distance between each two of
 them and that of ours from each to `REPEATS`, which `benchmarks.fidelity` reads. What is known of other flights stays.
 With `--nearest`, the recording that ours is nearest to becomes the project's: ArduCopter's noise chooses among several
-outcomes of a flight, and ours should be one of them.
+outcomes of a flight, and ours should be one of them. `benchmarks.fidelity` counts such flights apart, since a nearest
+recording is chosen by ours.
 
     python -m benchmarks.repeats FOLDER [FOLDER ...] [--nearest]
 """
@@ -67,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             ours = [distance(read(file)) for file in files]
             order = sorted(range(len(files)), key=ours.__getitem__) if options.nearest else range(len(files))
             found = spread([read(files[i]) for i in order])
-            table[first.name] = {**found, "ours": [round(ours[i], 3) for i in order]}
+            table[first.name] = {**found, "ours": [round(ours[i], 3) for i in order], "nearest": options.nearest}
             tell(first.name, table[first.name])
             if files[order[0]] != path:
                 path.write_bytes(files[order[0]].read_bytes())

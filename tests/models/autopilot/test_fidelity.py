@@ -431,6 +431,15 @@ def test_recordings_of_the_same_flights_are_gathered(tmp_path: Path, capsys: pyt
     assert "2 recordings" in said and "within 0.1 m of 2" in said
 
 
+def test_a_flight_that_was_chosen_by_ours_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    fidelity.main([str(RECORDINGS / f"{name}.csv.gz") for name in ("json_mission_in_the_air", "x_up_3m")])
+    said = capsys.readouterr().out.splitlines()
+    assert said[-2] == "1 of these flights: of several recordings that differ, the one nearest to ours (repeats.json)"
+    assert said[-1].endswith("rms of 2 of 2 flights ok")
+    fidelity.main([str(RECORDINGS / "x_up_3m.csv.gz")])
+    assert "nearest" not in capsys.readouterr().out
+
+
 def test_the_nearest_of_several_recordings_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of three that end 0.4, 0.0 and 0.2 m farther than ArduCopter's, the second becomes the first."""
     lines = gzip.decompress((RECORDINGS / "x_up_3m.csv.gz").read_bytes()).decode().splitlines()
@@ -485,6 +494,12 @@ def test_what_is_known_of_repetitions() -> None:
             assert values[0] == (None if math.isnan(first[figure]) else pytest.approx(first[figure], abs=1e-3)), figure
             assert len(found["rms"]) == len(values) * (len(values) - 1) // 2
     nine = {name for name, found in known.items() if len(found["figures"].get("s50", [])) == 9}
+    assert nine == {name for name, found in known.items() if found.get("nearest")}
+    near = {
+        kind: [rms <= fidelity.RMS[body_of(name)] for name in nine for rms in known[name][kind]]
+        for kind in ("ours", "rms")
+    }
+    assert np.mean(near["ours"]) > np.mean(near["rms"])  # whichever is drawn, ours is no farther than ArduCopter's next
     json_ = {"json_battery_low", "json_mission_in_the_air", "json_mission_square", "json_rtl", "json_rtl_8mps"}
     assert nine == json_ | {"x_fence_rtl", "x_mission_in_the_air", "x_rtl_8mps"}
     for name in nine:
