@@ -4,7 +4,8 @@ Three FMUs per drone (vehicle and autopilot at 400 Hz), agents that exchange pos
 recorded at 10 Hz, packets recorded. For each size two fresh processes:
 
     run      the whole command: start-up (from the command to the first step), peak memory, simulated per wall time
-    phases   the same system on one thread without files: time per drone and base step in exchange, each FMU, packets
+    phases   the same system on one thread without files: time per drone and base step in exchange, each FMU, packets,
+             if all instances make each base step together
 
 `--scenario` is one of
 
@@ -189,7 +190,7 @@ def _timed_steps(
         first = 0
         for n in range(ends.size):
             failed = stepping.step_some(
-                p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, grouped[first : ends[n]], at
+                p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, k, grouped[first : ends[n]], at
             )
             if failed > 0:
                 return tables.FAILED
@@ -204,7 +205,11 @@ def _timed_steps(
 
 
 def phases(folder: Path) -> dict[str, float]:
-    """Time in us per drone and base step: exchange, packets, and each FMU by name."""
+    """Time in us per drone and base step: exchange, packets, and each FMU by name.
+
+    All instances make each base step together, as in small swarms, so that FMUs can be told apart: the command lets
+    groups of large swarms make several on their own, which is faster.
+    """
     with read_system(folder) as structure:
         checked = check(structure)
         network = network_of(checked)
@@ -218,11 +223,12 @@ def phases(folder: Path) -> dict[str, float]:
             ends = np.cumsum([len(group) for group in groups])
             execution.advance(clock.steps - round(PHASE_SECONDS * 1e9 / clock.base))
             spent = np.zeros(2 + len(names) + 3, dtype=np.int64)
+            plan = execution.plan._replace(groups=execution.plan.groups[:0])
             execution.state.radio = grown(execution.state.radio, 64 * len(network.nodes) * 16)
             # the first call compiles; the second is the one that counts
             before = execution.k
             for stop in (before, clock.steps - 1):
-                if (reason := _timed_steps(execution.plan, execution.state.radio, stop, grouped, ends, spent)) != 0:
+                if (reason := _timed_steps(plan, execution.state.radio, stop, grouped, ends, spent)) != 0:
                     raise RuntimeError(f"the loop wants something ({reason}) in a timed step")
             per = 1e-3 / (clock.steps - 1 - before) / len(network.nodes)
             return dict(zip(("exchange", "packets", *names), (spent[:-3] * per).tolist(), strict=True))

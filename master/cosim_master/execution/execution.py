@@ -98,7 +98,7 @@ class Execution:
         self.admit, self.take, self.waiting = port.admit, port.take, port.waiting
         if self.network.gateways:
             port.compile()
-        self._workers.start(self.plan, self.threads)
+        self._workers.start(self.state, self.threads)
         if checkpoint is None:
             # One call up to k = 0 routes the packets that the instances send at the start, and records the first row.
             self.advance(0)

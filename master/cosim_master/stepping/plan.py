@@ -27,7 +27,9 @@ from cosim_master.stepping.kernels.tables import (
     FEED,
     FINAL,
     FINER,
+    GROUP,
     IN_ORDER,
+    INBOX,
     INSTANCE,
     JACOBI,
     LAST,
@@ -35,10 +37,10 @@ from cosim_master.stepping.kernels.tables import (
     ORDER,
     PER_NS,
     PHASE,
+    PLACES,
     PORTS,
     REALS_IN,
     REALS_OUT,
-    RUNNING,
     SEND,
     SLOPE,
     START,
@@ -51,11 +53,11 @@ from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
-__all__ = ["make_plan", "page_of", "rows_of_block"]
+__all__ = ["make_plan", "page_of", "rows_of_block", "runs_of"]
 
 _BLOCK_BYTES = 1 << 20
 """Of values; a block should remain in the processor's cache until it is handed over."""
-_COUNTERS, _SHARED_AT = 18, 512
+_COUNTERS, _SHARED_AT = 21, 512
 """Number of counters, and the place of `Plan.shared` in the page that begins with them, bytes."""
 
 
@@ -109,7 +111,7 @@ def make_plan(
         instances=table(instances),
         calls=table(_calls(instances, feeds, values, ports, calls, kinds, slopes, derivatives)),
         feeds=table(feeds),
-        input_runs=table(_runs(feeds, clock.periods)),
+        input_runs=table(runs_of(feeds, clock.periods)),
         sources=_sources(kinds, constants),
         wires=table(wires),
         real_in=values.real_in,
@@ -120,7 +122,7 @@ def make_plan(
         value_maps=np.array(layout.value_maps, dtype=np.int64).reshape(-1, 4),
         ports=table(ports),
         rx=rx,
-        received=np.zeros(capacity, dtype=np.uint8),
+        received=np.zeros((threads, capacity), dtype=np.uint8),
         tx=np.zeros((ports.size, capacity), dtype=np.uint8),
         encoded=np.zeros((threads, rx.shape[1]), dtype=np.uint8),
         real_recorded=np.array(real.recorded, dtype=np.int64),
@@ -138,7 +140,11 @@ def make_plan(
         confined=np.array(confined, dtype=np.int64),
         free=_by_library(instances, free),
         ahead=table(_ahead_table(slaves, confined)),
-        shared=np.ndarray(RUNNING + 8, np.int64, page, _SHARED_AT),
+        groups=table(np.zeros(0, dtype=GROUP)),
+        members=np.zeros(0, dtype=np.int64),
+        inboxes=table(np.zeros(0, dtype=INBOX)),
+        past=np.zeros((0, 0)),
+        shared=np.ndarray(PLACES + 8, np.int64, page, _SHARED_AT),
         native=memory.memory,
     )
 
@@ -312,12 +318,19 @@ def _feeds(layout: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     return feeds
 
 
-def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any, Any]:
-    """Returns the feeds, joined for neighbouring instances of one period, since their inputs are adjacent."""
+def runs_of(
+    feeds: np.ndarray[Any, Any], periods: Sequence[int], firsts: Sequence[int] | np.ndarray[Any, Any] = ()
+) -> np.ndarray[Any, Any]:
+    """Returns the feeds, joined for neighbouring instances of one period, since their inputs are adjacent.
+
+    Args:
+        firsts: instances that are not joined with the one before.
+    """
     if not len(feeds):
         return feeds
     begins = np.ones(len(feeds), dtype=bool)
     begins[1:] = (np.diff(periods) != 0) | (np.diff(feeds["plain"].astype(np.int64)) != 0)
+    begins[np.asarray(firsts, dtype=np.int64)] = True
     runs = feeds[begins]
     ends = np.append(np.flatnonzero(begins)[1:], len(feeds)) - 1
     last: Any = feeds[ends]

@@ -285,7 +285,7 @@ def test_received_packets_do_not_pass_through_the_memory_of_sent_ones() -> None:
     loop.to(100)
     assert heard == [(0.11, packet)]
     assert loop.plan.tx[1].max() == 0
-    assert loop.plan.received[: len(packet)].tobytes() == packet
+    assert loop.plan.received[0, : len(packet)].tobytes() == packet
 
 
 def test_packets_of_one_step_arrive_together_and_in_order() -> None:

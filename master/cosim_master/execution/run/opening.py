@@ -19,6 +19,7 @@ from cosim_master.network.radio.build import make_radio
 from cosim_master.network.radio.confining import confined_radio
 from cosim_master.results.storage.checkpoint_folder import Checkpoint
 from cosim_master.stepping.confining import confined
+from cosim_master.stepping.grouping import grouped
 from cosim_master.stepping.kernels.frames import frames_of
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.plan import make_plan
@@ -144,6 +145,8 @@ def open_run(
         radio = confined_radio(radio, share.nodes)
         frames = frames_of(share.reals, share.ints, share.window + 1)
     texts = Texts(layout, slaves)
+    if share is None and not texts:
+        plan = grouped(plan, radio, clock.periods, used)
     return RunState(checked, clock, layout, network, slaves, plan, radio, event_mode, texts, frames), used
 
 

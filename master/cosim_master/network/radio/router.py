@@ -61,10 +61,29 @@ from cosim_master.network.radio.tables import (
     Radio,
 )
 
-__all__ = ["admit", "send"]
+__all__ = ["admit", "goes_on_board", "next_packet", "send"]
 
 _HEARERS = 20
 """Bits of TURN that count the nodes to which one packet goes."""
+
+
+@kernel
+def goes_on_board(r: Radio, other: int, heard: int, to_system: int) -> bool:
+    """Returns whether an endpoint takes packets for `to_system` from another one of its node; it has heard `heard`."""
+    e = r.endpoints[other]
+    return bool(e.capacity > 0 and e.reach <= SWARM and (to_system == 0 or heard == to_system or heard == 0))
+
+
+@kernel
+def next_packet(r: Radio, buf: NDArray[np.uint8], p: int, n: int) -> tuple[int, int, int, int]:
+    """Returns start and end of the first packet in buf[p:n], its status as `find` does, and its target system."""
+    start, stop, status = find(buf, p, n)
+    if status in (NOTHING, TRUNCATED):
+        return start, stop, status, 0
+    to_system, _ = target(buf, start)
+    if status == UNKNOWN and r.dialect.size > 0:
+        status, to_system = _own_message(r, buf, start)
+    return start, stop, status, to_system
 
 
 @kernel
@@ -73,12 +92,7 @@ def _on_board(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], 
     n = r.endpoints[e].node
     taken = False
     for other in range(r.nodes[n].first, r.nodes[n].last):
-        if (
-            other != e
-            and r.endpoints[other].capacity > 0
-            and r.endpoints[other].reach <= SWARM
-            and (addressed(r, other, to_system) or r.endpoints[other].heard == 0)
-        ):
+        if other != e and goes_on_board(r, other, r.endpoints[other].heard, to_system):
             put(r, other, t, buf, start, stop, 0, -1)
             taken = True
     if taken:
@@ -223,16 +237,13 @@ def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.u
     while p < n:
         r.counters[TURN] = turn << _HEARERS
         turn += 1
-        start, stop, status = find(buf, p, n)
+        start, stop, status, to_system = next_packet(r, buf, p, n)
         if start > p and status != NOTHING:
             record_event(r, t, -1, e, r.endpoints[e].node, buf, p, start, MALFORMED)
         if status in (NOTHING, TRUNCATED):
             record_event(r, t, -1, e, r.endpoints[e].node, buf, p if status == NOTHING else start, n, MALFORMED)
             return
         p = stop
-        to_system, _ = target(buf, start)
-        if status == UNKNOWN and r.dialect.size > 0:
-            status, to_system = _own_message(r, buf, start)
         if status in (BAD_CRC, INCOMPATIBLE):
             record_event(r, t, -1, e, r.endpoints[e].node, buf, start, stop, MALFORMED)
             continue

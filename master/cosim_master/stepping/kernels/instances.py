@@ -59,7 +59,10 @@ __all__ = [
     "_blame",
     "_call",
     "step_in_order",
+    "step_chosen",
+    "step_free",
     "step_some",
+    "blame_some",
     "collect_again",
     "collect_all",
     "running",
@@ -106,19 +109,34 @@ def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last
 def _blame(
     instances: NDArray[Any], feeds: NDArray[Any], real_out: NDArray[np.float64], counters: NDArray[np.int64]
 ) -> int:
-    """Marks every instance with a NaN output as failed, unless NaN is allowed; returns the number of these instances.
+    """Marks every instance with a NaN output as failed, unless NaN is allowed; returns the number of these."""
+    return int(blame_some(instances, feeds, real_out, counters, 0, instances.size, 0, real_out.size))
+
+
+@kernel
+def blame_some(
+    instances: NDArray[Any],
+    feeds: NDArray[Any],
+    real_out: NDArray[np.float64],
+    counters: NDArray[np.int64],
+    first: int,
+    last: int,
+    first_real: int,
+    last_real: int,
+) -> int:
+    """Marks those of the instances first to last - 1 that have a NaN output, which is among the given real outputs.
 
     Without any NaN, only the first loop runs, which tests several outputs at a time.
     """
     if counters[NAN_ALLOWED] != 0:
         return 0
     found = 0
-    for j in range(real_out.size):
+    for j in range(np.uintp(first_real), np.uintp(last_real)):
         found += real_out[j] != real_out[j]
     if found == 0:
         return 0
     blamed = 0
-    for i in range(instances.size):
+    for i in range(first, last):
         m = instances[i]
         for j in range(np.uintp(feeds[i].first_out[0]), np.uintp(feeds[i].last_out[0])):
             if real_out[j] != real_out[j] and m.failed[0] == 0:
@@ -277,14 +295,15 @@ def step_some(
     encoded: NDArray[np.uint8],
     tx: NDArray[np.uint8],
     counters: NDArray[np.int64],
+    k: int,
     chosen: NDArray[np.int64],
     at: Any,
 ) -> int:
-    """Makes the current base step of the instances `chosen`: each begins a step, ends one, does both, or does neither.
+    """Makes base step `k` of the instances `chosen`: each begins a step, ends one, does both, or does neither.
 
     Returns the number of failed instances.
     """
-    k, base = counters[K], counters[BASE]
+    base = counters[BASE]
     left = counters[LAST] - k
     final = counters[FINAL]
     per_second = 1e9 * counters[PER_NS]
@@ -329,8 +348,25 @@ def step_some(
 
 
 @kernel
+def step_free(
+    instances: NDArray[Any],
+    calls: NDArray[Any],
+    ports: NDArray[Any],
+    encoded: NDArray[np.uint8],
+    tx: NDArray[np.uint8],
+    counters: NDArray[np.int64],
+    k: int,
+    chosen: NDArray[np.int64],
+) -> int:
+    """Makes base step `k` of instances that any thread may step; returns the number of failed ones."""
+    return step_some(instances, calls, ports, encoded, tx, counters, k, chosen, False)
+
+
+@kernel
 def step_chosen(p: Plan, chosen: NDArray[np.int64]) -> int:
-    return step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, chosen, running(p))
+    """Makes the current base step of instances that the main thread must step; returns the number of failed ones."""
+    at = running(p)
+    return step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, p.counters[K], chosen, at)
 
 
 @kernel
@@ -360,7 +396,7 @@ def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
         )
         if p.slopes.size > 0:
             extrapolate(p, k, i, i + 1)
-        failed += step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, chosen[j : j + 1], at)
+        failed += step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, k, chosen[j : j + 1], at)
     return failed
 
 

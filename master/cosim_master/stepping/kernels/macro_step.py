@@ -9,6 +9,9 @@
     SEND      their mavlink_tx -> router -> channel -> in flight
     RECORD    a row of values at t_k + h, when due; k := k + 1
 
+In large swarms, groups of instances make STEP for several base steps each, before DELIVER and SEND of the first of
+them: see `windows`. All else is done in the order above.
+
 With Gauss-Seidel, instances step one after the other, and each takes its inputs from the latest outputs.
 Delayed connections (`Plan.delay_line`) and extrapolated inputs (`Plan.slopes`) store earlier values.
 
@@ -52,6 +55,7 @@ from cosim_master.stepping.kernels.instances import (
     any_pending,
     begin_ahead,
     running,
+    step_free,
     step_in_order,
     step_some,
 )
@@ -68,6 +72,7 @@ from cosim_master.stepping.kernels.tables import (
     FAILED,
     FAILURES,
     FINER,
+    FROM,
     IN_ORDER,
     JACOBI,
     LAST,
@@ -76,16 +81,19 @@ from cosim_master.stepping.kernels.tables import (
     NEED_PLACES,
     ORDER,
     PHASE,
+    PLACES,
     ROWS,
     RUNNING,
     SEND,
     START,
     STEP,
     STEPS_DUE,
+    UNTIL,
     K,
     Plan,
 )
-from cosim_master.stepping.kernels.threads import hand_out, join_in
+from cosim_master.stepping.kernels.threads import hand_out, join_in, make_window
+from cosim_master.stepping.kernels.windows import account, failed_at, put_back, window
 
 __all__ = ["end_here", "next_point", "outbox_needed", "places_needed", "record", "run", "sent_bytes"]
 
@@ -141,11 +149,11 @@ def _deliver_all(p: Plan, r: Radio, k: int) -> None:
         if period > 1 and k % period != 0:
             continue
         if due:
-            n = deliver(r, t, e, rx[e] if port.binary != 0 else p.received)
+            n = deliver(r, t, e, rx[e] if port.binary != 0 else p.received[0])
             if port.binary != 0:
                 port.given_size = n
             else:
-                rx[e, encode_base64(p.received, n, rx[e])] = 0
+                rx[e, encode_base64(p.received[0], n, rx[e])] = 0
             port.filled = 2
         elif port.filled > 0:
             port.filled -= 1
@@ -228,8 +236,11 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
     events, used = r.counters[USED_EVENTS] + need, r.counters[USED_LOG] + 3 * total
     if r.settings[0].keep != 0 and (events > r.events.size or used > r.log.size):
         return NEED_LOG
+    reals = p.real_out
+    if p.groups.size > 0 and p.past.shape[0] > 0 and k >= 0:
+        reals = p.past[k - p.counters[FROM]]
     if r.settings[0].topology == NEAREST_ON_AXIS and r.outbox.size == 0:
-        sort_along(r, p.real_out)
+        sort_along(r, reals)
     t = point_in_time(p.counters, k + 1)
     for e in range(p.ports.size):
         if p.ports[e].sent > 0:
@@ -237,7 +248,7 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
                 return NEED_PLACES
             if not together and r.settings[0].keep != 0 and r.counters[USED_EVENTS] + need > r.events.size:
                 return NEED_LOG
-            send(r, p.real_out, t, e, p.tx[e], p.ports[e].sent)
+            send(r, reals, t, e, p.tx[e], p.ports[e].sent)
             p.ports[e].sent = 0
     return DONE
 
@@ -258,17 +269,24 @@ def _serve_medium(p: Plan, r: Radio, k: int) -> int:
 
 
 @kernel
+def _complete_row(p: Plan, k: int) -> None:
+    """Adds the row at time t_k, whose values are written."""
+    row = p.counters[ROWS]
+    p.ticks[row] = p.counters[START] + k * p.counters[BASE]
+    p.counters[ROWS] = row + 1
+
+
+@kernel
 def _record(p: Plan, k: int) -> None:
     """Adds a row at time t_k to the block."""
     row = p.counters[ROWS]
-    p.ticks[row] = p.counters[START] + k * p.counters[BASE]
     real_block, real_out, real_recorded = p.real_block[row], p.real_out, p.real_recorded
     for j in range(real_recorded.size):
         real_block[j] = real_out[real_recorded[j]]
     int_block, int_out, int_recorded = p.int_block[row], p.int_out, p.int_recorded
     for j in range(int_recorded.size):
         int_block[j] = int_out[int_recorded[j]]
-    p.counters[ROWS] = row + 1
+    _complete_row(p, k)
 
 
 @kernel
@@ -295,6 +313,7 @@ def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
 def run(p: Plan, r: Radio, k_stop: int) -> int:
     """Makes macro steps until k = `k_stop`, or until Python is needed; returns the reason."""
     counters = p.counters
+    p.shared[PLACES] = r.places.ctypes.data
     while True:
         k = counters[K]
         if counters[PHASE] == DELIVER:
@@ -304,6 +323,8 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 reason = _serve_medium(p, r, k)
                 if reason != DONE:
                     return reason
+            if p.groups.size > 0 and k >= counters[UNTIL]:
+                make_window(p, r, k, window(p, k, k_stop))
             in_flight = r.counters[IN_FLIGHT]  # after the medium and relays have made copies
             if (
                 r.settings[0].keep != 0
@@ -311,9 +332,16 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 and r.counters[USED_LOG] + in_flight * (MAX_PACKET + 16) > r.log.size
             ):
                 return NEED_LOG
-            if p.ports.size > 0:
+            if p.groups.size > 0:
+                account(p, r, k)
+            elif p.ports.size > 0:
                 _deliver_all(p, r, k)
             counters[PHASE] = STEP
+        if counters[PHASE] == STEP and p.groups.size > 0:
+            counters[FAILURES] += failed_at(p, k)
+            if counters[FAILURES] > 0:
+                return FAILED
+            counters[PHASE] = SEND
         if counters[PHASE] == STEP:
             if p.delays.size > 0:
                 delay(p, k)
@@ -343,15 +371,13 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 counters[FAILURES] += step_in_order(p, k, p.confined)
             elif p.confined.size > 0:
                 counters[FAILURES] += step_some(
-                    p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, p.confined, running(p)
+                    p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, k, p.confined, running(p)
                 )
             p.shared[RUNNING] = 0
             if counters[BLOCK] > 0:
-                counters[FAILURES] += join_in(p)
+                counters[FAILURES] += join_in(p, r)
             elif p.free.size > 0:
-                counters[FAILURES] += step_some(
-                    p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, p.free, False
-                )
+                counters[FAILURES] += step_free(p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, k, p.free)
             counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)
             if counters[FAILURES] > 0:
                 return FAILED
@@ -359,6 +385,8 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
             if counters[EVENTFUL] > 0 and any_pending(p.instances):
                 return EVENTS_DUE
         if counters[PHASE] == SEND:
+            if p.groups.size > 0:
+                put_back(p, k)
             reason = _send_all(p, r, k) if p.ports.size > 0 else DONE
             if reason != DONE:
                 return reason
@@ -371,6 +399,9 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
             k % counters[EVERY] == 0
             and (p.grids.size == 0 or counters[EVERY] > counters[FINER] or _is_point(p.grids, k, counters[FINER]))
         ) or k == counters[LAST]:
-            _record(p, k)
+            if p.groups.size > 0 and k > counters[FROM]:
+                _complete_row(p, k)
+            else:
+                _record(p, k)
             if counters[ROWS] == p.ticks.size:
                 return BLOCK_FULL

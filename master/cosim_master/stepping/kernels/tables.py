@@ -37,8 +37,11 @@ __all__ = [
     "FEED",
     "FINAL",
     "FINER",
+    "FROM",
     "GET_REAL",
     "GET_STRING",
+    "GROUP",
+    "INBOX",
     "INSTANCE",
     "IN_ORDER",
     "JACOBI",
@@ -57,6 +60,7 @@ __all__ = [
     "ORDER",
     "PER_NS",
     "PHASE",
+    "PLACES",
     "PORTS",
     "Plan",
     "QUIT",
@@ -75,6 +79,8 @@ __all__ = [
     "STEPS_DUE",
     "TICKET",
     "TOO_LONG",
+    "UNTIL",
+    "WINDOW",
     "WIRE",
 ]
 
@@ -184,26 +190,59 @@ PORTS = np.dtype(
     align=True,
 )
 """The packet ports of one endpoint. The endpoints of an instance are consecutive."""
+GROUP = np.dtype(
+    [
+        ("first_instance", "i8"),
+        ("last_instance", "i8"),
+        ("first_member", "i8"),  # in `Plan.members`
+        ("last_member", "i8"),
+        ("first_run", "i8"),  # in `Plan.input_runs`
+        ("last_run", "i8"),
+        ("first_real", "i8"),  # real outputs
+        ("last_real", "i8"),
+        ("first_recorded", "i8", (3,)),  # in `Plan.real_recorded`, of integers and of booleans in `Plan.int_recorded`
+        ("last_recorded", "i8", (3,)),
+        ("first_port", "i8"),
+        ("last_port", "i8"),
+        ("first_sent", "u8"),  # addresses of the first and the last SENT that is not yet routed; 0: none
+        ("last_sent", "u8"),
+        ("failed", "i8"),  # base step in which `failures` instances have failed, -1
+        ("failures", "i8"),
+    ]
+)
+"""Instances that steps several base steps on its own, as nothing from other groups can arrive before: see `windows`."""
+INBOX = np.dtype(
+    [
+        ("heard", "i8"),  # ENDPOINT.heard, while its group is ahead of the others
+        ("next", "i8"),  # the next place in flight to it that its group has not received yet, -1
+        ("first", "u8"),  # addresses of the first and the last packet on board that are on the way to it, 0: none
+        ("last", "u8"),
+    ]
+)
+"""The packets that an endpoint receives while its group is ahead of the others."""
 
 K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK, EVENTFUL, ORDER, FINER, FINAL = range(
     15
 )
-PER_NS, NAN_ALLOWED, EXPECTING = 15, 16, 17
+PER_NS, NAN_ALLOWED, EXPECTING, WINDOW, FROM, UNTIL = 15, 16, 17, 18, 19, 20
 """Places in `Plan.counters`. START and BASE in ticks, of which PER_NS make a nanosecond; REALS_IN, REALS_OUT: number of
 real inputs and outputs; BLOCK: number of instances that a thread takes at a time, 0 without threads. EVENTFUL: number
 of instances that use Event Mode. ORDER: JACOBI, IN_ORDER or BY_PYTHON, which is `iteration`. FINER: number of parts
 into which base steps are currently divided. FINAL: whether no FMU state from before a step is restored after it.
-NAN_ALLOWED: whether outputs may be NaN. EXPECTING: whether instances have functions `expect`.
+NAN_ALLOWED: whether outputs may be NaN. EXPECTING: whether instances have functions `expect`. With groups: WINDOW, the
+most base steps that they make on their own; FROM and UNTIL, the present window of base steps, all of which they have
+made.
 """
 JACOBI, IN_ORDER, BY_PYTHON = 0, 1, 2
 
-TICKET, LIMIT, COMPLETED, QUIT, FAULTS, RUNNING = 0, 8, 16, 24, 32, 40
-"""Places in `Plan.shared`, a cache line apart: the next block, the end of this step's blocks, blocks completed, a flag
-that ends the workers, failures, and the FMI function being called. Blocks are numbered consecutively from the first
-step on, so that a late thread can never take a block of an earlier step, and no thread waits for an idle one.
+TICKET, LIMIT, COMPLETED, QUIT, FAULTS, RUNNING, PLACES = 0, 8, 16, 24, 32, 40, 48
+"""Places in `Plan.shared`, a cache line apart: the next block or group, the end of this step's, those completed, a flag
+that ends the workers, failures, the FMI function being called, and the radio. Blocks are numbered consecutively from
+the first step on, so that a late thread can never take a block of an earlier step, and no thread waits for an idle one.
 RUNNING: the function that the main thread's loop has called last, for the report of a crash or a hang: the address of a
 row of `Plan.calls`, or of `Plan.instances` for a step; 0 is none. The free instances, which are FMUs of this project,
 do not note theirs.
+PLACES: the address of `Radio.places`; a thread with another radio must get the present one before it steps a group.
 """
 
 COPY, SIGN = 2**40, 2**41
@@ -237,7 +276,7 @@ class Plan(NamedTuple):
     value_maps: NDArray[np.int64]  # rows (int_out, int_out, key, value): see COPY
     ports: NDArray[Any]  # PORTS, of each endpoint
     rx: NDArray[np.uint8]  # (endpoints, longest text): packets for an instance: base64 text, bytes for FMI 3
-    received: NDArray[np.uint8]  # (largest capacity,): packets being delivered, before they are text
+    received: NDArray[np.uint8]  # (threads, largest capacity): packets being delivered, before they are text
     tx: NDArray[np.uint8]  # (endpoints, largest capacity): packets from an instance
     encoded: NDArray[np.uint8]  # (threads, longest text): packets being collected, while they are text
     real_recorded: NDArray[np.int64]
@@ -255,6 +294,10 @@ class Plan(NamedTuple):
     confined: NDArray[np.int64]  # instances that only the main thread steps, in the order in which it does
     free: NDArray[np.int64]  # instances that any thread may step
     ahead: NDArray[Any]  # AHEAD, in the order of `confined`
+    groups: NDArray[Any]  # GROUP; none: all instances make each base step together
+    members: NDArray[np.int64]  # the instances of each group, in the order in which they step
+    inboxes: NDArray[Any]  # INBOX, of each endpoint if there are groups
+    past: NDArray[np.float64]  # (window, values): real_out at the end of each base step of a window, of positions only
     shared: NDArray[np.int64]
     native: NDArray[np.uint8]  # value references, buffers and answers of FMI 3, to which `calls` and `instances` point
 
@@ -264,7 +307,7 @@ ROLES = declared(
         instances.handle instances.do_step instances.expect instances.answers instances.library instances.endpoint
         instances.first_set instances.first_set_value instances.last_set instances.first_get instances.last_get
         calls feeds input_runs sources wires int_to_real value_maps
-        real_recorded int_recorded grids delays slopes.input slopes.instance confined free ahead
+        real_recorded int_recorded grids delays slopes.input slopes.instance confined free ahead members
         ports.instance ports.has_rx ports.has_tx ports.given ports.rx ports.tx ports.binary ports.get ports.further
     """,
     STATE="""
@@ -274,6 +317,6 @@ ROLES = declared(
     # Of `counters`, checkpoints store K and PHASE as words; of `native`, they store the answers of FMI 3 instances, by
     # instance.
     PASSING="instances.period instances.failed ports.got ports.got_size counters native",
-    BUFFER="received encoded real_block int_block ticks shared",
+    BUFFER="received encoded real_block int_block ticks shared groups inboxes past",
 )
 """The role of each array of `Plan`, and of each column of its tables if their roles differ."""
