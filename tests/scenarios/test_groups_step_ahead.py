@@ -26,9 +26,9 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     grouped = grouping.grouped
 
     def noted(*arguments: Any) -> Any:
-        plan = grouped(*arguments)
+        plan, radio = grouped(*arguments)
         seen.append((int(plan.groups.size), int(plan.counters[WINDOW])))
-        return plan
+        return plan, radio
 
     monkeypatch.setattr(opening, "grouped", noted)
     monkeypatch.setattr(grouping, "LARGEST", 3)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import PLAIN, table
-from cosim_master.network.radio.tables import NEAREST, NEAREST_ON_AXIS, Radio
+from cosim_master.network.radio.tables import Radio
 from cosim_master.stepping.kernels.tables import (
     BASE,
     EVENTFUL,
@@ -37,8 +37,10 @@ LONGEST = 16
 """Most base steps of a window: the memory of a group comes from afar once in so many steps."""
 
 
-def grouped(plan: Plan, radio: Radio, periods: Sequence[int], threads: int) -> Plan:
+def grouped(plan: Plan, radio: Radio, periods: Sequence[int], threads: int) -> tuple[Plan, Radio]:
     """Returns the plan with groups, or as it is if its instances must make each base step together.
+
+    With groups, the radio finds positions in `Plan.past`, instead of among the real outputs, which are ahead.
 
     Args:
         periods: base steps per step, of each instance.
@@ -46,24 +48,27 @@ def grouped(plan: Plan, radio: Radio, periods: Sequence[int], threads: int) -> P
     """
     longest = _window(plan, radio)
     if plan.instances.size < LEAST or longest < 2 or not _may_go_ahead(plan):
-        return plan
+        return plan, radio
     firsts = _cut(plan, radio, max(1, min(LARGEST, plan.instances.size // (4 * threads))))
     sizes = np.diff([*firsts, plan.instances.size])
-    groups = _groups(plan, firsts, periods) if sizes.max() <= 4 * LARGEST else None
+    groups = _groups(plan, radio, firsts, periods) if sizes.max() <= 4 * LARGEST else None
     if groups is None:
-        return plan
+        return plan, radio
     plan.counters[WINDOW] = longest
     members = np.arange(plan.instances.size)
     number = np.searchsorted(firsts, members, side="right")
-    needs_positions = radio.settings[0]["effects"] or radio.settings[0]["range"] < np.inf
-    needs_positions = needs_positions or radio.settings[0]["topology"] in (NEAREST, NEAREST_ON_AXIS)
-    return plan._replace(
+    places = radio.nodes["place"].copy()
+    nodes = radio.nodes.copy()
+    nodes["place"] = np.where(places >= 0, np.arange(places.size).reshape(places.shape), -1)
+    plan = plan._replace(
         groups=table(groups),
         members=np.lexsort((members, plan.instances["library"], number)),  # of one FMU together: see `Plan.free`
         input_runs=table(runs_of(plan.feeds, periods, firsts)),
         inboxes=table(np.zeros(plan.ports.size, dtype=INBOX)),
-        past=np.zeros((longest if needs_positions else 0, plan.real_out.size)),
+        positions=places,
+        past=np.zeros((longest, places.size)),
     )
+    return plan, radio._replace(nodes=nodes)
 
 
 def _window(plan: Plan, radio: Radio) -> int:
@@ -128,7 +133,7 @@ def _aboard(plan: Plan, radio: Radio) -> NDArray[np.int64]:
     return np.stack([instance[same], instance[same + 1]], axis=1)
 
 
-def _groups(plan: Plan, firsts: NDArray[np.int64], periods: Sequence[int]) -> NDArray[Any] | None:
+def _groups(plan: Plan, radio: Radio, firsts: NDArray[np.int64], periods: Sequence[int]) -> NDArray[Any] | None:
     """Returns the table of groups; None if there is one only, or if what belongs to a group is not consecutive."""
     n, feeds = plan.instances.size, plan.feeds
     lasts = np.append(firsts[1:], n)
@@ -151,6 +156,9 @@ def _groups(plan: Plan, firsts: NDArray[np.int64], periods: Sequence[int]) -> ND
     table["first_real"], table["last_real"] = feeds["first_out"][firsts, 0], feeds["last_out"][lasts - 1, 0]
     table["first_port"] = np.searchsorted(of_group[3], numbers)
     table["last_port"] = np.searchsorted(of_group[3], numbers, side="right")
+    node = np.append(radio.endpoints["node"][: plan.ports.size], len(radio.nodes))
+    begins = node[groups["first_port"]]  # of no ports: the node of the next group
+    table["first_node"], table["last_node"] = begins, np.append(begins[1:], len(radio.nodes))
     for kind in range(3):
         after = booleans if kind == 2 else 0
         table["first_recorded"][:, kind] = after + np.searchsorted(of_group[kind], numbers)

@@ -143,6 +143,7 @@ def make_plan(
         groups=table(np.zeros(0, dtype=GROUP)),
         members=np.zeros(0, dtype=np.int64),
         inboxes=table(np.zeros(0, dtype=INBOX)),
+        positions=np.zeros((0, 3), dtype=np.int64),
         past=np.zeros((0, 0)),
         shared=np.ndarray(PLACES + 8, np.int64, page, _SHARED_AT),
         native=memory.memory,

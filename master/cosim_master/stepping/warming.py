@@ -74,6 +74,7 @@ _OF_ROWS = {
     "tx",
     "real_block",
     "int_block",
+    "positions",
     "past",
     "outages",
     "partitions",

@@ -72,7 +72,7 @@ def plan_of(
     plan = make_plan(layout, clock, network, ordered, every, free=free)  # type: ignore[arg-type]
     radio = make_radio(network, layout.ports["Real"].index, keep=True)
     if groups:
-        plan = grouped(plan, radio, clock.periods, 1)
+        plan, radio = grouped(plan, radio, clock.periods, 1)
     block = {name: getattr(plan, name)[:steps] for name in ("ticks", "real_block", "int_block")}
     plan = plan._replace(**{name: array.copy() for name, array in block.items()})
     collect_all(plan)

@@ -146,7 +146,7 @@ def open_run(
         frames = frames_of(share.reals, share.ints, share.window + 1)
     texts = Texts(layout, slaves)
     if share is None and not texts:
-        plan = grouped(plan, radio, clock.periods, used)
+        plan, radio = grouped(plan, radio, clock.periods, used)
     return RunState(checked, clock, layout, network, slaves, plan, radio, event_mode, texts, frames), used
 
 

@@ -93,7 +93,7 @@ from cosim_master.stepping.kernels.tables import (
     Plan,
 )
 from cosim_master.stepping.kernels.threads import hand_out, join_in, make_window
-from cosim_master.stepping.kernels.windows import account, failed_at, put_back, window
+from cosim_master.stepping.kernels.windows import account, failed_at, note_positions, put_back, window
 
 __all__ = ["end_here", "next_point", "outbox_needed", "places_needed", "record", "run", "sent_bytes"]
 
@@ -237,8 +237,10 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
     if r.settings[0].keep != 0 and (events > r.events.size or used > r.log.size):
         return NEED_LOG
     reals = p.real_out
-    if p.groups.size > 0 and p.past.shape[0] > 0 and k >= 0:
-        reals = p.past[k - p.counters[FROM]]
+    if p.groups.size > 0:
+        if k < p.counters[FROM]:  # what instances send at the start
+            note_positions(p, 0, 0, p.positions.shape[0])
+        reals = p.past[max(k - p.counters[FROM], 0)]
     if r.settings[0].topology == NEAREST_ON_AXIS and r.outbox.size == 0:
         sort_along(r, reals)
     t = point_in_time(p.counters, k + 1)

@@ -204,6 +204,8 @@ GROUP = np.dtype(
         ("last_recorded", "i8", (3,)),
         ("first_port", "i8"),
         ("last_port", "i8"),
+        ("first_node", "i8"),
+        ("last_node", "i8"),
         ("first_sent", "u8"),  # addresses of the first and the last SENT that is not yet routed; 0: none
         ("last_sent", "u8"),
         ("failed", "i8"),  # base step in which `failures` instances have failed, -1
@@ -297,7 +299,8 @@ class Plan(NamedTuple):
     groups: NDArray[Any]  # GROUP; none: all instances make each base step together
     members: NDArray[np.int64]  # the instances of each group, in the order in which they step
     inboxes: NDArray[Any]  # INBOX, of each endpoint if there are groups
-    past: NDArray[np.float64]  # (window, values): real_out at the end of each base step of a window, of positions only
+    positions: NDArray[np.int64]  # (nodes, 3): of each node in real_out, -1 without one, if there are groups
+    past: NDArray[np.float64]  # (window, 3 * nodes): positions at the end of each base step of a window, m
     shared: NDArray[np.int64]
     native: NDArray[np.uint8]  # value references, buffers and answers of FMI 3, to which `calls` and `instances` point
 
@@ -308,6 +311,7 @@ ROLES = declared(
         instances.first_set instances.first_set_value instances.last_set instances.first_get instances.last_get
         calls feeds input_runs sources wires int_to_real value_maps
         real_recorded int_recorded grids delays slopes.input slopes.instance confined free ahead members
+        positions
         ports.instance ports.has_rx ports.has_tx ports.given ports.rx ports.tx ports.binary ports.get ports.further
     """,
     STATE="""

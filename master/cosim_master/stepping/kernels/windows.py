@@ -34,7 +34,7 @@ from cosim_master.stepping.kernels.fmi_calls import load_i8, store_i8
 from cosim_master.stepping.kernels.instances import blame_some, step_free
 from cosim_master.stepping.kernels.tables import EVERY, FAULTS, FROM, LAST, ROWS, UNTIL, WINDOW, Plan
 
-__all__ = ["account", "failed_at", "forget", "put_back", "row_is_due", "step_group", "window"]
+__all__ = ["account", "failed_at", "forget", "note_positions", "put_back", "row_is_due", "step_group", "window"]
 
 _malloc: Any = types.ExternalFunction("malloc", types.uintp(types.uintp))
 _free: Any = types.ExternalFunction("free", types.void(types.uintp))
@@ -227,17 +227,13 @@ def _write_row(p: Plan, group: Any, k: int) -> None:
 
 
 @kernel
-def _note_positions(p: Plan, r: Radio, group: Any, k: int) -> None:
-    """Notes where the group's nodes are at the end of base step k."""
-    past = p.past[k - p.counters[FROM]]
-    node = -1
-    for e in range(group.first_port, group.last_port):
-        if r.endpoints[e].node != node:
-            node = r.endpoints[e].node
-            for i in range(3):
-                place = r.nodes[node].place[i]
-                if place >= 0:
-                    past[place] = p.real_out[place]
+def note_positions(p: Plan, row: int, first: int, last: int) -> None:
+    """Notes where the nodes first to last - 1 are now in a row of `Plan.past`."""
+    past = p.past[row]
+    for n in range(first, last):
+        for i in range(3):
+            if p.positions[n, i] >= 0:
+                past[3 * n + i] = p.real_out[p.positions[n, i]]
 
 
 @kernel
@@ -280,8 +276,7 @@ def step_group(p: Plan, r: Radio, thread: int, g: int) -> int:
         _send_on_board(p, r, group, k)
         if row_is_due(p, k + 1):
             _write_row(p, group, k + 1)
-        if p.past.shape[0] > 0:
-            _note_positions(p, r, group, k)
+        note_positions(p, k - counters[FROM], group.first_node, group.last_node)
     for e in range(group.first_port, group.last_port):  # the loop routes these once more, and keeps them in flight
         while p.inboxes[e].first != np.uintp(0):
             p.inboxes[e].first = _pop(p.inboxes[e].first)
