@@ -7,6 +7,7 @@ dozen of these looks, it evaluates the copies. It does not depend on the names o
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -134,18 +135,17 @@ class Watch:
             wanted[:, [self.agents[a].body for a in of]] |= np.isin(all_states[:, of], values)
         last = np.array([agent.last for agent in self.agents], dtype=np.int32)
         for a in map(int, np.flatnonzero((all_states != last).any(axis=0))):
-            agent, states = self.agents[a], all_states[:, a]
-            agent.last = int(states[-1])
+            agent, states = self.agents[a], all_states[:, a].tolist()
+            agent.last = states[-1]
             for values, what in ((agent.condition.failed, "failed"), (agent.condition.working, "began")):
-                now = np.isin(states, values)
-                if now.any() and math.isnan(getattr(agent, what)):
-                    row = int(now.argmax())
+                row = _first(states, values)
+                if row >= 0 and math.isnan(getattr(agent, what)):
                     setattr(agent, what, float(times[row]))
                     if what == "failed" and self._subjects.reasons[a] >= 0:
                         agent.reason = int(integers[row, self._subjects.reasons[a]])
-            now = np.isin(states, agent.condition.commanding)
-            if agent.body >= 0 and now.any():
-                self._command(agent.body, float(times[int(now.argmax())]), agent.instance.name)
+            row = _first(states, agent.condition.commanding)
+            if agent.body >= 0 and row >= 0:
+                self._command(agent.body, float(times[row]), agent.instance.name)
 
     def _command(self, body: int, time: float, by: str) -> None:
         if math.isnan(self.bodies[body].commanded):
@@ -216,3 +216,8 @@ class Watch:
     def hears_by_place(self) -> bool:
         """True if the watch has checked the reachability of nodes with the same system id."""
         return bool(self._nodes)
+
+
+def _first(states: Sequence[int], values: Collection[int]) -> int:
+    """Returns the index of the first state that is among the values, -1 without one; numpy takes ten times as long."""
+    return next((row for row, state in enumerate(states) if state in values), -1)
