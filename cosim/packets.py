@@ -138,7 +138,16 @@ def _base64_values(alphabet: bytes) -> NDArray[np.int8]:
     return values
 
 
+def _with_zero_bytes(table: NDArray[np.uint16], number: int) -> NDArray[np.uint16]:
+    """Returns the CRC of each byte that is followed by this number of zero bytes."""
+    following = table
+    for _ in range(number):
+        following = (following >> 8) ^ table[following & 0xFF]
+    return following.astype(np.uint16)
+
+
 _X25 = _x25_table()
+_X25_1, _X25_2, _X25_3 = (_with_zero_bytes(_X25, number) for number in (1, 2, 3))
 _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 _BASE64 = np.frombuffer(_ALPHABET, np.uint8).copy()
 _BASE64_VALUES = _base64_values(_ALPHABET)
@@ -434,9 +443,21 @@ def _x25_step(crc: int, byte: int) -> int:
 
 @kernel
 def x25(buffer: Bytes, start: int, stop: int) -> int:
-    """Returns the CRC-16/MCRF4XX of buffer[start:stop], MAVLink's checksum, before CRC_EXTRA is added."""
+    """Returns the CRC-16/MCRF4XX of buffer[start:stop], MAVLink's checksum, before CRC_EXTRA is added.
+
+    Four bytes at a time: each table's row has to wait for the CRC of the bytes before, which takes longer than the sum.
+    """
     crc = 0xFFFF
-    for i in range(start, stop):
+    fours = start + (stop - start) // 4 * 4
+    for i in range(start, fours, 4):
+        crc ^= get_u8(buffer, i) | get_u8(buffer, i + 1) << 8
+        crc = int(
+            np.int64(_X25_3[crc & 0xFF])
+            ^ np.int64(_X25_2[crc >> 8])
+            ^ np.int64(_X25_1[get_u8(buffer, i + 2)])
+            ^ np.int64(_X25[get_u8(buffer, i + 3)])
+        )
+    for i in range(fours, stop):
         crc = _x25_step(crc, get_u8(buffer, i))
     return crc
 

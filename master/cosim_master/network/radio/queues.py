@@ -24,7 +24,7 @@ from cosim_master.network.radio.tables import (
     Radio,
 )
 
-__all__ = ["arrived", "deliver", "log_packet", "put", "record_event", "take_out"]
+__all__ = ["arrived", "deliver", "log_packet", "put", "record_event", "take_delivered", "take_out"]
 
 LOG_HEAD = 16
 """Bytes before a packet in the log block: time in ns (8), 2*node + 1 if the node sent it (4), length (4). Packets to a
@@ -131,16 +131,36 @@ def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
             break
         for i in range(length):
             buf[n + i] = r.data[place, i]
-        if r.places[place].logged != 0:
-            if r.endpoints[e].reach <= SWARM:
-                log_packet(r, t, r.endpoints[e].node, 0, buf, n, n + length)
-            if r.places[place].logged == COUNTED:
-                r.counters[DELIVERED] += 1
-        if r.places[place].gateway >= 0:
-            r.gateways[r.places[place].gateway].waiting -= 1
         n += length
-        take_out(r, e)
+        _account(r, t, e, place)
     return n
+
+
+@kernel
+def _account(r: Radio, t: int, e: int, place: int) -> None:
+    """Logs and counts the first packet in the queue of endpoint `e`, received at t [ns], and frees its place."""
+    row = r.places[place]
+    if row.logged != 0:
+        if r.endpoints[e].reach <= SWARM:
+            log_packet(r, t, r.endpoints[e].node, 0, r.data[place], 0, row.length)
+        if row.logged == COUNTED:
+            r.counters[DELIVERED] += 1
+    if row.gateway >= 0:
+        r.gateways[row.gateway].waiting -= 1
+    take_out(r, e)
+
+
+@kernel
+def take_delivered(r: Radio, t: int, e: int) -> None:
+    """Does all that `deliver` does, except that somebody else has copied the packets."""
+    n = 0
+    while r.endpoints[e].first >= 0 and r.places[r.endpoints[e].first].arrival <= t:
+        place = r.endpoints[e].first
+        n += r.places[place].length
+        if n > r.endpoints[e].capacity:
+            r.counters[DEFERRED] += 1
+            break
+        _account(r, t, e, place)
 
 
 @kernel

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from cosim.kernel import kernel
 from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, encode_base64, system
-from cosim_master.network.radio.queues import arrived, deliver
+from cosim_master.network.radio.queues import arrived, take_delivered
 from cosim_master.network.radio.router import goes_on_board, next_packet
 from cosim_master.network.radio.tables import SWARM, Radio
 from cosim_master.stepping.kernels.exchange import exchange, point_in_time
@@ -295,7 +295,7 @@ def account(p: Plan, r: Radio, k: int) -> None:
         if ports[e].has_rx != 0 and arrived(endpoints, places, t, e):
             period = instances[ports[e].instance].period
             if period == 1 or k % period == 0:
-                deliver(r, t, e, p.received[0])
+                take_delivered(r, t, e)
 
 
 @kernel
