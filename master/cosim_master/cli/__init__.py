@@ -11,6 +11,8 @@ Exit codes: 0 done, 1 a run failed, 2 a bad description or bad usage, 130 interr
 
 from __future__ import annotations
 
+import atexit
+import gc
 import sys
 
 from cosim_master.cli.terminal.console import err, out
@@ -21,7 +23,13 @@ __all__ = ["app", "err", "main", "out"]
 
 
 def main() -> None:
-    """Runs the command."""
+    """Runs the command.
+
+    What it imports stays until its end. Python's own limits have it looked through for garbage again and again, and
+    once more at the end, which takes a fifth of the processor time of a short run.
+    """
+    gc.set_threshold(50_000, 20, 50)
+    atexit.register(gc.freeze)
     app(_joined(sys.argv[1:]))
 
 
