@@ -1,19 +1,28 @@
-"""A terminal for tests: a program at a pseudo-terminal, and the screen that its bytes make."""
+"""A terminal for tests: a program at a pseudo-terminal, and the screen that its bytes make.
+
+The program is a process of its own, or a fork of one that has imported most of what commands import, but not the
+consoles, which ask at their import what they write to.
+"""
 
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import re
 import select
+import signal
 import struct
 import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import pyte
 
@@ -24,13 +33,124 @@ fcntl.ioctl(0, termios.TIOCSCTTY, 0)  # the terminal becomes the one that Ctrl-C
 signal.signal(signal.SIGINT, signal.SIG_DFL)  # ignored by all that a shell without job control starts with &
 os.execv(sys.argv[1], sys.argv[1:])
 """
+_FORKER = """
+import fcntl, gc, json, os, signal, sys, termios, threading
+from contextlib import suppress
+from importlib import import_module
+
+for name in ("cosim_master.execution.simulate", "cosim_master.results.figures.draw", "cosim_master.system.shipped",
+             "cosim_master.system.authoring.swarm.new", "pyarrow.acero", "pydantic.functional_validators",
+             "pydantic.type_adapter", "rich.live", "typer"):
+    with suppress(ImportError):
+        import_module(name)
+assert "cosim_master.cli" not in sys.modules
+assert threading.active_count() == 1
+gc.collect()
+gc.freeze()  # otherwise, the collection at the end of a fork copies all memory
+for line in sys.stdin:
+    job = json.loads(line)
+    if isinstance(job, int):
+        print(os.waitstatus_to_exitcode(os.waitpid(job, 0)[1]), flush=True)
+        continue
+    terminal = os.open(job["terminal"], os.O_RDWR | os.O_NOCTTY)
+    if (child := os.fork()) == 0:
+        break
+    os.close(terminal)
+    print(child, flush=True)
+else:
+    sys.exit()
+os.setsid()
+fcntl.ioctl(terminal, termios.TIOCSCTTY, 0)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+os.chdir(job["folder"])
+os.environ.clear()
+os.environ.update(job["environment"])
+for number in (0, 1, 2):
+    os.dup2(terminal, number)
+os.close(terminal)
+sys.argv = job["words"]
+from cosim_master.cli import main
+main()
+"""
 _COLOUR = re.compile(rb"\x1b\[[0-9;]*[1-9][0-9;]*m")
 PATIENCE = 300.0
 """Seconds that nothing takes, however slow the machine."""
 
 
+class _Process:
+    """A process that has a terminal."""
+
+    def __init__(self, words: list[str], folder: Path, environment: Mapping[str, str], terminal: int) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _LAUNCHER, *words],
+            cwd=folder,
+            env=environment,
+            stdin=terminal,
+            stdout=terminal,
+            stderr=terminal,
+            start_new_session=True,
+        )
+
+    def kill(self) -> None:
+        self._process.kill()
+
+    def wait(self) -> int:
+        return self._process.wait()
+
+
+class _Fork:
+    """A fork that has a terminal.
+
+    Args:
+        forker: the process that forks.
+    """
+
+    def __init__(
+        self,
+        forker: subprocess.Popen[str],
+        words: list[str],
+        folder: Path,
+        environment: Mapping[str, str],
+        terminal: int,
+    ) -> None:
+        self._forker = forker
+        self._pid = self._told(
+            {"words": words, "folder": str(folder), "environment": {**environment}, "terminal": os.ttyname(terminal)}
+        )
+        self._code: int | None = None
+
+    def kill(self) -> None:
+        if self._code is None:
+            os.kill(self._pid, signal.SIGKILL)
+
+    def wait(self) -> int:
+        if self._code is None:
+            self._code = self._told(self._pid)
+        return self._code
+
+    def _told(self, job: Any) -> int:
+        assert self._forker.stdin is not None and self._forker.stdout is not None
+        self._forker.stdin.write(json.dumps(job) + "\n")
+        self._forker.stdin.flush()
+        return int(self._forker.stdout.readline())
+
+
+@contextmanager
+def forking_at_terminals() -> Iterator[Callable[..., Terminal]]:
+    """Starts the process that forks, and ends it; yields what makes a `Terminal` with a fork of it."""
+    command = [sys.executable, "-c", _FORKER]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as forker:
+        yield partial(Terminal, start=partial(_Fork, forker))
+        assert forker.stdin is not None
+        forker.stdin.close()
+        assert forker.wait(60) == 0
+
+
 class Terminal:
     """`uav-cosim` at a terminal of some size.
+
+    Args:
+        start: how the program is started.
 
     Attributes:
         bytes: all that was written.
@@ -38,7 +158,13 @@ class Terminal:
     """
 
     def __init__(
-        self, *arguments: str, folder: Path, columns: int = 80, rows: int = 24, environment: Mapping[str, str] = {}
+        self,
+        *arguments: str,
+        folder: Path,
+        columns: int = 80,
+        rows: int = 24,
+        environment: Mapping[str, str] = {},
+        start: Callable[[list[str], Path, Mapping[str, str], int], _Process | _Fork] = _Process,
     ) -> None:
         self.bytes = b""
         self.screens: list[list[str]] = []
@@ -47,15 +173,8 @@ class Terminal:
         self._end, inner = os.openpty()
         fcntl.ioctl(inner, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
         inherited = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "FORCE_COLOR", "COLUMNS", "LINES")}
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", _LAUNCHER, COMMAND, *arguments],
-            cwd=folder,
-            env=inherited | {"TERM": "xterm-256color"} | dict(environment),
-            stdin=inner,
-            stdout=inner,
-            stderr=inner,
-            start_new_session=True,
-        )
+        inherited |= {"TERM": "xterm-256color"} | dict(environment)
+        self._process = start([COMMAND, *arguments], folder, inherited, inner)
         os.close(inner)
 
     def __enter__(self) -> Terminal:

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,18 @@ import pytest
 from cosim_master.cli.terminal import progress
 from cosim_master.cli.terminal.progress import Activity, compiling
 from tests.master.results.test_figures import consensus_run
-from tests.master.terminal import COMMAND, Terminal
+from tests.master.terminal import COMMAND, Terminal, forking_at_terminals
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 BAR = r"\d+\.\d/3\.0 s  \d+\.\d x real time  (\d+:\d\d|-:--) left  0 packets$"
 WIDTHS = pytest.mark.parametrize("columns", [80, 200])
+
+
+@pytest.fixture(scope="module")
+def at_terminal() -> Iterator[Callable[..., Terminal]]:
+    """`Terminal`, with forks."""
+    with forking_at_terminals() as made:
+        yield made
 
 
 @pytest.fixture
@@ -33,8 +41,10 @@ def system(probes: Any) -> Path:
 
 
 @WIDTHS
-def test_run_shows_a_bar_and_leaves_its_result(system: Path, tmp_path: Path, columns: int) -> None:
-    with Terminal("run", "s.ssd", "--pace", "3", folder=tmp_path, columns=columns) as terminal:
+def test_run_shows_a_bar_and_leaves_its_result(
+    at_terminal: Callable[..., Terminal], system: Path, tmp_path: Path, columns: int
+) -> None:
+    with at_terminal("run", "s.ssd", "--pace", "3", folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
     bars = terminal.ever(BAR)
     assert len(bars) > 1, terminal.screens[-5:]
@@ -49,22 +59,24 @@ def test_run_shows_a_bar_and_leaves_its_result(system: Path, tmp_path: Path, col
     assert not terminal.cursor_hidden
 
 
-def test_a_dumb_terminal_gets_plain_lines(system: Path, tmp_path: Path) -> None:
-    with Terminal("run", "s.ssd", "--set", "c.p=1", folder=tmp_path, environment={"TERM": "dumb"}) as terminal:
+def test_a_dumb_terminal_gets_plain_lines(at_terminal: Callable[..., Terminal], system: Path, tmp_path: Path) -> None:
+    with at_terminal("run", "s.ssd", "--set", "c.p=1", folder=tmp_path, environment={"TERM": "dumb"}) as terminal:
         assert terminal.finish() == 2
-    with Terminal("run", "s.ssd", folder=tmp_path, environment={"TERM": "dumb"}) as terminal:
+    with at_terminal("run", "s.ssd", folder=tmp_path, environment={"TERM": "dumb"}) as terminal:
         assert terminal.finish() == 0
     assert b"\x1b" not in terminal.bytes
     assert terminal.lines[-1] == "results: out/s"
 
 
-def test_no_color_keeps_the_bar_and_nothing_else(system: Path, tmp_path: Path) -> None:
+def test_no_color_keeps_the_bar_and_nothing_else(
+    at_terminal: Callable[..., Terminal], system: Path, tmp_path: Path
+) -> None:
     quiet = {"NO_COLOR": "1", "FORCE_COLOR": "1"}
-    with Terminal("run", "s.ssd", "--pace", "3", folder=tmp_path, environment=quiet) as terminal:
+    with at_terminal("run", "s.ssd", "--pace", "3", folder=tmp_path, environment=quiet) as terminal:
         assert terminal.finish() == 0
     assert terminal.ever(BAR)
     assert not terminal.coloured
-    with Terminal("check", "nowhere.ssd", folder=tmp_path) as terminal:
+    with at_terminal("check", "nowhere.ssd", folder=tmp_path) as terminal:
         assert terminal.finish() == 2
     assert b"\x1b[1;31merror:\x1b[0m nowhere.ssd: no such file" in terminal.bytes
 
@@ -86,14 +98,16 @@ def test_into_a_pipe_nothing_is_drawn(system: Path, tmp_path: Path) -> None:
     assert forced.returncode == 0 and b"real time  " not in forced.stderr
 
 
-def test_quiet_says_nothing_and_draws_nothing(system: Path, tmp_path: Path) -> None:
+def test_quiet_says_nothing_and_draws_nothing(
+    at_terminal: Callable[..., Terminal], system: Path, tmp_path: Path
+) -> None:
     for arguments in (("-q", "run", "s.ssd"), ("run", "s.ssd", "-q")):
-        with Terminal(*arguments, "--pace", "3", folder=tmp_path) as terminal:
+        with at_terminal(*arguments, "--pace", "3", folder=tmp_path) as terminal:
             assert terminal.finish() == 0
         assert terminal.bytes == b""
 
 
-def test_ctrl_c_ends_a_run_with_its_results(probes: Any, tmp_path: Path) -> None:
+def test_ctrl_c_ends_a_run_with_its_results(at_terminal: Callable[..., Terminal], probes: Any, tmp_path: Path) -> None:
     probes.fmu()
     probes.ssd(probes.component("a", u=1.0), stop=1e6)
     with Terminal("run", "s.ssd", "--pace", "3", folder=tmp_path) as terminal:
@@ -110,8 +124,8 @@ def test_ctrl_c_ends_a_run_with_its_results(probes: Any, tmp_path: Path) -> None
 
 
 @WIDTHS
-def test_check(system: Path, tmp_path: Path, columns: int) -> None:
-    with Terminal("check", "s.ssd", "--init", folder=tmp_path, columns=columns) as terminal:
+def test_check(at_terminal: Callable[..., Terminal], system: Path, tmp_path: Path, columns: int) -> None:
+    with at_terminal("check", "s.ssd", "--init", folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
     assert terminal.ever(r"checking s\.ssd +\d:\d\d")
     said = "2 instances initializeds.ssd: 2 instances, 1 connections, 0 radio nodes, 6 steps of 0.5 s: no problems"
@@ -120,9 +134,9 @@ def test_check(system: Path, tmp_path: Path, columns: int) -> None:
 
 
 @WIDTHS
-def test_plot(tmp_path: Path, columns: int) -> None:
+def test_plot(at_terminal: Callable[..., Terminal], tmp_path: Path, columns: int) -> None:
     consensus_run(tmp_path / "run", last_step=1)
-    with Terminal("plot", "run", folder=tmp_path, columns=columns) as terminal:
+    with at_terminal("plot", "run", folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
     assert terminal.ever(r"plotting run +\d:\d\d")
     assert terminal.lines[:2] == ["run/positions.png", "run/positions.svg"]
@@ -130,23 +144,23 @@ def test_plot(tmp_path: Path, columns: int) -> None:
 
 
 @WIDTHS
-def test_swap(system: Path, probes: Any, tmp_path: Path, columns: int) -> None:
+def test_swap(at_terminal: Callable[..., Terminal], system: Path, probes: Any, tmp_path: Path, columns: int) -> None:
     probes.fmu("other.fmu", guid="other")
-    with Terminal("swap", "s.ssd", "b", "other.fmu", "-o", "new.ssd", folder=tmp_path, columns=columns) as terminal:
+    with at_terminal("swap", "s.ssd", "b", "other.fmu", "-o", "new.ssd", folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
     assert terminal.ever(r"checking s\.ssd +\d:\d\d")
     assert terminal.lines == ["new.ssd: b is now other.fmu"]
 
 
 @WIDTHS
-def test_pack_and_compare(system: Path, tmp_path: Path, columns: int) -> None:
-    with Terminal("pack", "s.ssd", "-o", "s.ssp", folder=tmp_path, columns=columns) as terminal:
+def test_pack_and_compare(at_terminal: Callable[..., Terminal], system: Path, tmp_path: Path, columns: int) -> None:
+    with at_terminal("pack", "s.ssd", "-o", "s.ssp", folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
     assert terminal.ever(r"packing s\.ssd +\d:\d\d")
     assert re.fullmatch(r"s\.ssp: 2 files, \d\.\d MB; uav-cosim run s\.ssp", terminal.text)
     for folder in ("one", "two"):
         consensus_run(tmp_path / folder, last_step=1)
-    with Terminal("compare", "one", "two", folder=tmp_path, columns=columns) as terminal:
+    with at_terminal("compare", "one", "two", folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
     assert terminal.ever(r"comparing one and two +\d:\d\d")
     assert terminal.lines[-1].startswith("equal: ")
@@ -154,14 +168,14 @@ def test_pack_and_compare(system: Path, tmp_path: Path, columns: int) -> None:
 
 
 @WIDTHS
-def test_new(fmus: Path, tmp_path: Path, columns: int) -> None:
+def test_new(at_terminal: Callable[..., Terminal], fmus: Path, tmp_path: Path, columns: int) -> None:
     made = ("new", "line", "--drones", "3", "-o", "swarm")
-    with Terminal(*made, "--fmus", str(fmus), folder=tmp_path, columns=columns) as terminal:
+    with at_terminal(*made, "--fmus", str(fmus), folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
     assert terminal.ever(r"writing swarm +\d:\d\d")
     assert terminal.text.startswith("note: drones start 10 m apart, ")
     assert terminal.lines[-1] == "swarm: line of 3 drones; uav-cosim run swarm"
-    with Terminal(*made[:-1], "other", "--fmus", "nowhere", folder=tmp_path, columns=columns) as terminal:
+    with at_terminal(*made[:-1], "other", "--fmus", "nowhere", folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 2
     assert terminal.lines[0].startswith("error: nowhere/")
     assert b"Traceback" not in terminal.bytes
@@ -181,18 +195,18 @@ class TerminalBuilt(Model):
 
 
 @WIDTHS
-def test_build(tmp_path: Path, columns: int) -> None:
+def test_build(at_terminal: Callable[..., Terminal], tmp_path: Path, columns: int) -> None:
     (tmp_path / "terminal_built.py").write_text(MODEL)
-    with Terminal("build", "terminal_built.py", folder=tmp_path, columns=columns) as terminal:
+    with at_terminal("build", "terminal_built.py", folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
     assert terminal.ever(r"building TerminalBuilt +\d:\d\d")
     assert terminal.lines == ["fmus/TerminalBuilt.fmu: interpreted"]
 
 
-def test_ctrl_c_ends_a_build(tmp_path: Path) -> None:
+def test_ctrl_c_ends_a_build(at_terminal: Callable[..., Terminal], tmp_path: Path) -> None:
     """The processes that build end with the command; none of them says a word."""
     cold = {"XDG_CACHE_HOME": str(tmp_path / "cache")}  # kept object code would let it end too soon
-    with Terminal("build", "Hexarotor", "Quadrotor", folder=tmp_path, columns=200, environment=cold) as terminal:
+    with at_terminal("build", "Hexarotor", "Quadrotor", folder=tmp_path, columns=200, environment=cold) as terminal:
         terminal.wait_for(lambda lines: any(re.search(r"building Hexarotor, Quadrotor 0:0[1-9]", s) for s in lines))
         terminal.press(b"\x03")
         assert terminal.finish() == 130
