@@ -396,6 +396,26 @@ def test_as_a_process(system: Path, tmp_path: Path) -> None:
     assert "Usage: uav-cosim" in call().stdout + call().stderr
 
 
+LOOKED = """
+import atexit, gc, sys
+atexit.register(lambda: print("frozen:", gc.get_freeze_count() > 10_000))  # called last
+gc.callbacks.append(lambda phase, info: looked.append(info["generation"]))
+looked = []
+from cosim_master.cli import main
+looked.clear()
+sys.argv[1:] = ["check", "nowhere.ssd"]
+try:
+    main()
+finally:
+    print("oldest:", looked.count(2))
+"""
+
+
+def test_imports_of_a_command_are_not_looked_through_for_garbage(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", LOOKED], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "oldest: 0\nfrozen: True\n"), done.stderr
+
+
 def test_dialect(run: Any, tmp_path: Path) -> None:
     message = '<message id="42100" name="HELLO"><field type="float" name="x"/></message>'
     xml = f"<mavlink><messages>{message}</messages></mavlink>"
