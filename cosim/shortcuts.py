@@ -2,13 +2,16 @@
 
 numba resolves the type of every call anew, although a thousand functions add the same two floats, it computes which
 variables are alive after each of its passes, although only the last result is used, it prepares rewrites of functions
-that have nothing to rewrite, it looks for new declarations of extensions several times per function, and it checks and
-describes each pass for those who watch it. `use` replaces all five.
+that have nothing to rewrite, it looks for new declarations of extensions several times per function, it checks and
+describes each pass for those who watch it, and it imports SciPy's linear algebra, which takes longer than a kernel,
+to see whether that is installed. `use` replaces all six.
 """
 
 from __future__ import annotations
 
+import sys
 from functools import partial, wraps
+from importlib.util import find_spec
 from inspect import unwrap
 from typing import Any
 
@@ -20,6 +23,7 @@ from numba.core.rewrites.registry import rewrite_registry
 from numba.core.types import Array, StringLiteral
 from numba.core.types.functions import BaseFunction
 from numba.core.typing.context import BaseContext as TypingContext
+from numba.np import linalg
 
 __all__ = ["use"]
 
@@ -210,6 +214,23 @@ def _watched(manager: Any) -> bool:
     )
 
 
+# ---- linear algebra --------------------------------------------------------------------------------------------------
+
+_ensure_blas: Any = unwrap(linalg.ensure_blas)
+
+
+@wraps(_ensure_blas)
+def _find_blas() -> None:
+    """Returns, once, if SciPy is installed, where numba asks so; whoever compiles a product of matrices imports it.
+
+    Raises:
+        ImportError: SciPy is not installed.
+    """
+    linalg.ensure_blas = _ensure_blas
+    if find_spec("scipy") is None:
+        _ensure_blas()
+
+
 def use() -> None:
     """Replaces functions of numba by those of this module, for every function that this process compiles."""
     setattr(BaseFunction, "get_call_type", _known_call_type)  # noqa: B010 (numba is typed in part)
@@ -221,3 +242,5 @@ def use() -> None:
     setattr(PassManager, "_runPass", _run_pass)  # noqa: B010
     for module in (errors, lowering, typeinfer):
         setattr(module, "new_error_context", _ErrorContext)  # noqa: B010
+    if "numba.np.arraymath" not in sys.modules:  # which asks when it is imported
+        linalg.ensure_blas = _find_blas

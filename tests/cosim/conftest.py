@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from cosim.build import build, load_models
+from tests.cosim.forked import Forked, forking_after
 
 SAMPLES = Path(__file__).with_name("sample_models.py")
+LOAD = """
+from cosim.fields import get_real  # any kernel
+get_real.targetctx.refresh()
+get_real.typingctx.refresh()
+"""
+"""Loads numba's own declarations, as the first compilation of a process does."""
 _loaded: dict[str, object] = {}
 
 
@@ -48,3 +56,17 @@ def interpreted_plant(samples: SimpleNamespace, tmp_path_factory: pytest.TempPat
 def plant(request: pytest.FixtureRequest) -> Path:
     """The Plant FMU, in both builds."""
     return request.getfixturevalue(f"{request.param}_plant")
+
+
+@pytest.fixture(scope="session")
+def forked_builder() -> Iterator[Forked]:
+    """Programs in processes of their own that have imported what builds and compiles, but compiled nothing."""
+    with forking_after("import cosim.build, fmpy.fmi2\n" + LOAD) as forked:
+        yield forked
+
+
+@pytest.fixture(scope="session")
+def forked_importer() -> Iterator[Forked]:
+    """Programs in processes of their own that have imported FMPy, but nothing of this project."""
+    with forking_after("import fmpy.fmi2") as forked:
+        yield forked

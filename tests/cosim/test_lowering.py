@@ -16,6 +16,7 @@ import pytest
 
 from cosim.kept import made_once, read_kept, write_kept
 from cosim.kernel import kernel
+from tests.cosim.forked import Forked
 
 numba = pytest.importorskip("numba")
 
@@ -107,47 +108,56 @@ def watered(x):
 """
 
 
-def watered(tmp_path: Path, cache: str, notes: list[str] | None = None) -> tuple[str, set[str]]:
-    """What a process of its own prints, and the names of the files in its cache folder; `notes` gets its stderr."""
-    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / cache)}
-    command = [sys.executable, "-B", "-c", CALL, str(tmp_path)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    if notes is not None:
-        notes.append(done.stderr)
-    found = (tmp_path / cache).rglob("*.kernel")
-    return done.stdout, {f"{file.parent.name}/{file.name}" for file in found}
+class Garden:
+    """A package whose kernel processes of their own call."""
+
+    def __init__(self, folder: Path, forked: Forked) -> None:
+        self.folder, self._forked = folder, forked
+        (folder / "garden").mkdir()
+        for name, text in (("__init__", ""), ("bed", BED), ("can", "FILL = 2.0\n")):
+            (folder / "garden" / f"{name}.py").write_text(text)
+
+    def watered(self, cache: str, notes: list[str] | None = None, *, fork: bool = True) -> tuple[str, set[str]]:
+        """What a process prints, and the names of the files in its cache folder; `notes` gets its stderr."""
+        environment = {**os.environ, "XDG_CACHE_HOME": str(self.folder / cache)}
+        if fork:
+            done = self._forked.run(CALL, str(self.folder), environment=environment)
+        else:
+            command = [sys.executable, "-B", "-c", CALL, str(self.folder)]
+            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        if notes is not None:
+            notes.append(done.stderr)
+        found = (self.folder / cache).rglob("*.kernel")
+        return done.stdout, {f"{file.parent.name}/{file.name}" for file in found}
 
 
-def test_code_is_looked_for_in_the_package_then_in_the_cache_and_never_for_other_sources(tmp_path: Path) -> None:
-    garden = tmp_path / "garden"
-    garden.mkdir()
-    (garden / "__init__.py").touch()
-    (garden / "bed.py").write_text(BED)
-    (garden / "can.py").write_text("FILL = 2.0\n")
-    printed, first = watered(tmp_path, "one")
+@pytest.fixture
+def garden(tmp_path: Path, forked_builder: Forked) -> Garden:
+    return Garden(tmp_path, forked_builder)
+
+
+def test_code_is_looked_for_in_the_package_then_in_the_cache_and_never_for_other_sources(garden: Garden) -> None:
+    folder = garden.folder
+    printed, first = garden.watered("one")
     assert printed == "4.0\n"
     assert {name.rpartition("/")[2].partition("-")[0] for name in first} == {"watered"}
-    assert watered(tmp_path, "one") == ("4.0\n", first)
-    shutil.copytree(tmp_path / "one/uav-cosim/kernels", garden / "compiled")
-    assert watered(tmp_path, "two") == ("4.0\n", set())  # the package brings it
-    (garden / "can.py").write_text("FILL = 3.0\n")
-    printed, other = watered(tmp_path, "two")
+    assert garden.watered("one", fork=False) == ("4.0\n", first)  # nor does its name depend on the hash seed
+    shutil.copytree(folder / "one/uav-cosim/kernels", folder / "garden/compiled")
+    assert garden.watered("two") == ("4.0\n", set())  # the package brings it
+    (folder / "garden/can.py").write_text("FILL = 3.0\n")
+    printed, other = garden.watered("two")
     assert printed == "5.5\n"
     assert len(other) == 1
     assert not other & first
 
 
 @pytest.mark.parametrize("place", ["digest", "code", "last byte", "truncated", "empty"])
-def test_changed_code_is_made_anew_and_never_loaded(tmp_path: Path, place: str) -> None:
-    garden = tmp_path / "garden"
-    garden.mkdir()
-    (garden / "__init__.py").touch()
-    (garden / "bed.py").write_text(BED)
-    (garden / "can.py").write_text("FILL = 2.0\n")
+def test_changed_code_is_made_anew_and_never_loaded(garden: Garden, place: str) -> None:
     notes: list[str] = []
-    printed, (name,) = watered(tmp_path, "cache", notes)
+    printed, (name,) = garden.watered("cache", notes)
     assert (printed, notes) == ("4.0\n", [""])
-    file = tmp_path / "cache/uav-cosim/kernels" / name
+    file = garden.folder / "cache/uav-cosim/kernels" / name
     whole = file.read_bytes()
     assert hashlib.sha256(whole[32:]).digest() == whole[:32]
     if place in ("truncated", "empty"):
@@ -155,31 +165,26 @@ def test_changed_code_is_made_anew_and_never_loaded(tmp_path: Path, place: str) 
     else:
         at = {"digest": 3, "code": len(whole) // 2, "last byte": len(whole) - 1}[place]
         file.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-    assert watered(tmp_path, "cache", notes) == ("4.0\n", {name})
+    assert garden.watered("cache", notes) == ("4.0\n", {name})
     assert notes[1] == f"note: {file} has been changed since it was made: its code is not loaded, but made anew\n"
     remade = file.read_bytes()
     assert hashlib.sha256(remade[32:]).digest() == remade[:32]
-    assert watered(tmp_path, "cache", notes) == ("4.0\n", {name})
+    assert garden.watered("cache", notes) == ("4.0\n", {name})
     assert notes[2] == ""
     assert file.read_bytes() == remade  # which was loaded
     assert [path.name for path in file.parent.iterdir()] == [file.name]
 
 
-def test_code_that_nobody_has_written_with_a_digest_is_not_unpickled(tmp_path: Path) -> None:
+def test_code_that_nobody_has_written_with_a_digest_is_not_unpickled(garden: Garden, tmp_path: Path) -> None:
     """Pickled objects are code: a file that runs some when it is unpickled, in the place of a kernel."""
-    garden = tmp_path / "garden"
-    garden.mkdir()
-    (garden / "__init__.py").touch()
-    (garden / "bed.py").write_text(BED)
-    (garden / "can.py").write_text("FILL = 2.0\n")
-    _, (name,) = watered(tmp_path, "cache")
+    _, (name,) = garden.watered("cache")
     file = tmp_path / "cache/uav-cosim/kernels" / name
     command = f"touch {tmp_path / 'unpickled'}".encode()
     file.write_bytes(b"cposix\nsystem\n(S'" + command + b"'\ntR.")
     pickle.loads(file.read_bytes())
     assert (tmp_path / "unpickled").exists()  # this is such a file
     (tmp_path / "unpickled").unlink()
-    assert watered(tmp_path, "cache")[0] == "4.0\n"
+    assert garden.watered("cache")[0] == "4.0\n"
     assert not (tmp_path / "unpickled").exists()
 
 
@@ -200,14 +205,9 @@ _ForPython._compile_core = compiles
 """
 
 
-def test_code_that_another_process_makes_is_waited_for(tmp_path: Path) -> None:
+def test_code_that_another_process_makes_is_waited_for(garden: Garden, tmp_path: Path) -> None:
     """Parts of a run, tests and campaigns start together: one of them compiles, and the others load its code."""
-    garden = tmp_path / "garden"
-    garden.mkdir()
-    (garden / "__init__.py").touch()
-    (garden / "bed.py").write_text(BED)
-    (garden / "can.py").write_text("FILL = 2.0\n")
-    _, (name,) = watered(tmp_path, "cache")
+    _, (name,) = garden.watered("cache")
     file = tmp_path / "cache/uav-cosim/kernels" / name
     code = read_kept(file)
     assert code is not None

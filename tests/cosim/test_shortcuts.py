@@ -25,6 +25,7 @@ from numba.core.types.functions import BaseFunction  # noqa: E402
 from cosim import shortcuts  # noqa: E402
 from cosim.kernel import kernel  # noqa: E402
 from cosim.lowering import Library, link  # noqa: E402
+from tests.cosim.forked import Forked  # noqa: E402
 
 pytestmark = pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
 
@@ -205,6 +206,45 @@ def test_other_users_of_numba() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # numba says that it falls back to Python's objects
         assert words(4) == {1: ["0"], 3: ["0", "1", "2"]}
+
+
+# ---- linear algebra ----
+
+MATRICES = """
+import sys
+import numba, numpy as np
+from numba.np import arraymath, linalg
+from cosim import kernel
+
+@kernel
+def doubled(x):
+    return 2.0 * x
+
+@numba.njit
+def product(a, b):
+    return np.dot(a, b)
+
+print(doubled(1.5), arraymath._HAVE_BLAS, linalg.ensure_blas.__name__, "scipy.linalg" in sys.modules)
+print(product(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([1.0, 10.0])), "scipy.linalg" in sys.modules)
+"""
+
+
+def test_linear_algebra_is_imported_by_those_who_use_it(forked_builder: Forked) -> None:
+    done = forked_builder.run(MATRICES)
+    assert done.stdout.splitlines() == ["3.0 True ensure_blas False", "[21. 43.] True"], done.stderr
+
+
+def test_without_scipy_numba_says_so_and_knows_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise ImportError("scipy is required")
+
+    monkeypatch.setattr(shortcuts, "_ensure_blas", refuse)
+    monkeypatch.setattr(shortcuts.linalg, "ensure_blas", shortcuts._find_blas)
+    shortcuts._find_blas()
+    assert shortcuts.linalg.ensure_blas is refuse
+    monkeypatch.setattr(shortcuts, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match="scipy is required"):
+        shortcuts._find_blas()
 
 
 # ---- rewrites ----
