@@ -1,24 +1,27 @@
-"""Shortcuts in numba's compiler: the same types, the same IR and the same machine code in two thirds of the time.
+"""Shortcuts in numba's compiler: the same types, the same IR and the same machine code in less time.
 
-numba resolves the type of every call anew, although a thousand functions add the same two floats, it computes which
-variables are alive after each of its passes, although only the last result is used, it prepares rewrites of functions
-that have nothing to rewrite, it looks for new declarations of extensions several times per function, it checks and
-describes each pass for those who watch it, and it imports SciPy's linear algebra, which takes longer than a kernel,
-to see whether that is installed. `use` replaces all six.
+numba finds out again and again what it knows already or what nobody asks for: the type of a call, although a thousand
+functions add the same two floats; which variables are alive after each of its passes, although only the last result is
+used; whether a function that has nothing to rewrite or to inline has something; whether extensions have new
+declarations; who watches each pass and each lock; the size of a type, by a module of LLVM of its own; and whether
+SciPy's linear algebra is installed, by importing it. `use` replaces these.
 """
 
 from __future__ import annotations
 
 import sys
-from functools import partial, wraps
+from functools import cached_property, partial, wraps
 from importlib.util import find_spec
 from inspect import unwrap
+from types import BuiltinFunctionType, FunctionType
 from typing import Any
 
-from numba.core import errors, event, ir, lowering, postproc, transforms, typed_passes, typeinfer
+from numba.core import base, errors, event, ir, lowering, postproc, transforms, typed_passes, typeinfer, untyped_passes
 from numba.core.base import BaseContext
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager, pass_timings
+from numba.core.dispatcher import Dispatcher
+from numba.core.ir_utils import fixup_var_define_in_scope
 from numba.core.rewrites.registry import rewrite_registry
 from numba.core.types import Array, StringLiteral
 from numba.core.types.functions import BaseFunction
@@ -47,6 +50,21 @@ def _known_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     signature, implementation = found
     self._impl_keys[signature.args] = implementation  # as numba leaves it: the last resolution counts
     return signature
+
+
+# ---- types of values ------------------------------------------------------------------------------------------------
+
+_resolve_value_type: Any = unwrap(TypingContext.resolve_value_type)
+
+
+@wraps(_resolve_value_type)
+def _known_value_type(self: Any, value: Any) -> Any:
+    """Returns the type of a constant: that of a kernel and of a declared function without trying all others first."""
+    if isinstance(value, Dispatcher):
+        return value._numba_type_
+    if type(value) is BuiltinFunctionType and (found := self._get_global_type(value)) is not None:
+        return found
+    return _resolve_value_type(self, value)
 
 
 # ---- variables -------------------------------------------------------------------------------------------------------
@@ -134,6 +152,75 @@ def _may_be_rewritten(types: Any, statement: Any) -> bool:
     return value.op in ("unary", "binop", "call") and isinstance(types.get(statement.target.name), Array)
 
 
+# ---- closures --------------------------------------------------------------------------------------------------------
+
+_inline: Any = unwrap(untyped_passes.InlineClosureLikes.run_pass)
+_INLINED = {"reduce", "stencil"}
+
+
+@wraps(_inline)
+def _inline_closures(self: Any, state: Any) -> bool:
+    """Inlines closures, comprehensions, reductions and stencils, if the function may have some."""
+    function = state.func_ir
+    statements = (one for block in function.blocks.values() for one in block.body)
+    if function.is_generator or any(map(_may_be_inlined, statements)):
+        return bool(_inline(self, state))
+    postproc.PostProcessor(function).run()
+    fixup_var_define_in_scope(function.blocks)
+    return True
+
+
+def _may_be_inlined(statement: Any) -> bool:
+    """Returns whether a statement makes a function or a list, or names something that numba inlines."""
+    value = statement.value if isinstance(statement, ir.Assign) else None
+    if isinstance(value, ir.Expr):
+        return value.op in ("make_function", "build_list") or (value.op == "getattr" and value.attr in _INLINED)
+    if isinstance(value, ir.Global | ir.FreeVar):
+        of = value.value
+        plain = isinstance(of, Dispatcher | int | float) or (
+            type(of) is BuiltinFunctionType and of.__name__ not in _INLINED
+        )
+        return not plain and (of is list or getattr(of, "__name__", "stencil") in _INLINED)
+    return False
+
+
+# ---- sizes and arguments ---------------------------------------------------------------------------------------------
+
+_get_size: Any = unwrap(BaseContext.get_abi_sizeof)
+_sizes: dict[tuple[str, str], int] = {}
+
+
+@wraps(_get_size)
+def _known_size(self: Any, type_: Any) -> int:
+    """Returns the size of a type of LLVM: that of before, unless it is known by its name only."""
+    text = str(type_)
+    if "%" in text:
+        return int(_get_size(self, type_))
+    key = str(self.target_data), text
+    if (found := _sizes.get(key)) is None:
+        found = _sizes[key] = int(_get_size(self, type_))
+    return found
+
+
+_own_has_loc: Any = unwrap(base._has_loc)
+
+
+@wraps(_own_has_loc)
+def _has_loc(function: Any) -> bool:
+    """Returns whether a function takes an argument called loc; a plain one is asked without making its signature."""
+    if type(function) is not FunctionType or function.__dict__.keys() & {"__wrapped__", "__signature__"}:
+        return bool(_own_has_loc(function))
+    code = function.__code__
+    more = bool(code.co_flags & 0x04) + bool(code.co_flags & 0x08)  # *arguments, **named
+    return "loc" in code.co_varnames[: code.co_argcount + code.co_kwonlyargcount + more]
+
+
+_own: Any = lowering.Lower.__dict__["_disable_sroa_like_opt"]
+_disabled = cached_property(_own.func if isinstance(_own, cached_property) else _own.fget)
+_disabled.__set_name__(lowering.Lower, "_disable_sroa_like_opt")
+"""Whether a function is compiled for a debugger: asked for each instruction, the same for all."""
+
+
 # ---- declarations ----------------------------------------------------------------------------------------------------
 
 _refresh_functions: Any = unwrap(BaseContext.refresh)
@@ -214,6 +301,24 @@ def _watched(manager: Any) -> bool:
     )
 
 
+_start_event: Any = unwrap(event.start_event)
+_end_event: Any = unwrap(event.end_event)
+
+
+@wraps(_start_event)
+def _start(kind: str, data: Any = None) -> None:
+    """Tells that something begins, such as the use of LLVM, if somebody listens."""
+    if event._registered.get(kind):
+        _start_event(kind, data)
+
+
+@wraps(_end_event)
+def _end(kind: str, data: Any = None, exc_details: Any = None) -> None:
+    """Tells that something ends, if somebody listens."""
+    if event._registered.get(kind):
+        _end_event(kind, data, exc_details)
+
+
 # ---- linear algebra --------------------------------------------------------------------------------------------------
 
 _ensure_blas: Any = unwrap(linalg.ensure_blas)
@@ -234,9 +339,15 @@ def _find_blas() -> None:
 def use() -> None:
     """Replaces functions of numba by those of this module, for every function that this process compiles."""
     setattr(BaseFunction, "get_call_type", _known_call_type)  # noqa: B010 (numba is typed in part)
+    setattr(TypingContext, "resolve_value_type", _known_value_type)  # noqa: B010
     ir.Inst._rec_list_vars = _list_variables
     postproc.PostProcessor.run = _postprocess
     typed_passes.NopythonRewrites.run_pass = _rewrite_typed
+    untyped_passes.InlineClosureLikes.run_pass = _inline_closures
+    setattr(BaseContext, "get_abi_sizeof", _known_size)  # noqa: B010
+    base._has_loc = _has_loc
+    setattr(lowering.Lower, "_disable_sroa_like_opt", _disabled)  # noqa: B010
+    event.start_event, event.end_event = _start, _end
     setattr(BaseContext, "refresh", _refresh)  # noqa: B010
     setattr(TypingContext, "refresh", _refresh_typing)  # noqa: B010
     setattr(PassManager, "_runPass", _run_pass)  # noqa: B010

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import importlib.util
 import inspect
 import math
+import operator
 import os
 import warnings
 from collections.abc import Callable
@@ -16,7 +19,19 @@ import pytest
 numba = pytest.importorskip("numba")
 
 import llvmlite.binding as llvm  # noqa: E402
-from numba.core import compiler, errors, event, ir, lowering, postproc, typed_passes, typeinfer, types  # noqa: E402
+from llvmlite import ir as llvm_ir  # noqa: E402
+from numba.core import (  # noqa: E402
+    compiler,
+    errors,
+    event,
+    ir,
+    lowering,
+    postproc,
+    typed_passes,
+    typeinfer,
+    types,
+    untyped_passes,
+)
 from numba.core.compiler_lock import global_compiler_lock  # noqa: E402
 from numba.core.compiler_machinery import PassManager  # noqa: E402
 from numba.core.registry import cpu_target  # noqa: E402
@@ -143,6 +158,23 @@ def test_an_extension_that_comes_later_counts() -> None:
     assert later.get_call_type(context, (types.float64,), {}).return_type == types.float64
     templates = [one.key for one in later.templates]
     assert len(templates) > len(of.templates)
+
+
+def test_types_of_constants(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that numba finds by trying all kinds one after the other."""
+    context = cpu_target.typing_context
+    context.refresh()
+    values = [math.sin, operator.add, len, max, clipped, (1, 2.0), 3, 2.5, True, float, range, np.float32, np, "x"]
+    for value in values:
+        found = context.resolve_value_type(value)
+        assert found == shortcuts._resolve_value_type(context, value), value
+    with pytest.raises(ValueError, match=r"Cannot determine Numba type of .*builtin_function"):
+        context.resolve_value_type(operator.length_hint)
+    monkeypatch.setattr(shortcuts, "_resolve_value_type", None)
+    assert [str(context.resolve_value_type(value)) for value in (math.sin, clipped)] == [
+        "Function(<built-in function sin>)",
+        f"type({clipped})",
+    ]
 
 
 def test_declarations_are_loaded_when_there_are_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -303,6 +335,128 @@ def test_functions_with_something_to_rewrite_are_rewritten(
     assert compiled(function, arguments) == ours
 
 
+# ---- closures ----
+
+
+def with_closure(values: Any, _: Any) -> Any:
+    def more(x: float) -> float:
+        return x + 1.0
+
+    return more(values[0])
+
+
+def with_comprehension(values: Any, _: Any) -> Any:
+    return np.array([2.0 * x for x in values])[0]
+
+
+def with_appended(values: Any, _: Any) -> Any:
+    found = [values[0]]
+    for i in range(3):
+        found.append(values[i])
+    return np.array(found)[0]
+
+
+@numba.stencil
+def neighbours(a):  # type: ignore[no-untyped-def]
+    return a[-1] + a[1]
+
+
+def with_stencil(values: Any, _: Any) -> Any:
+    return neighbours(values)[1]
+
+
+@pytest.mark.parametrize(
+    ("function", "is_inlined"),
+    [
+        (with_closure, True),
+        (with_comprehension, True),
+        (with_appended, True),
+        (with_stencil, True),
+        (with_none_of_them, False),
+    ],
+)
+def test_functions_with_something_to_inline_are_looked_through(
+    function: Callable[..., Any], is_inlined: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def watched(self: Any, state: Any) -> bool:
+        seen.append(state.func_id.func_name)
+        return bool(original(self, state))
+
+    original = inspect.unwrap(untyped_passes.InlineClosureLikes.run_pass)
+    monkeypatch.setattr(shortcuts, "_inline", watched)
+    monkeypatch.setattr(untyped_passes.InlineClosureLikes, "run_pass", shortcuts._inline_closures)
+    arguments = types.Array(types.float64, 1, "C"), RECORD
+    ours = compiled(function, arguments)
+    assert (function.__name__ in seen) is is_inlined
+    monkeypatch.setattr(untyped_passes.InlineClosureLikes, "run_pass", original)
+    assert compiled(function, arguments) == ours
+
+
+# ---- sizes and arguments ----
+
+
+def test_sizes_of_types(monkeypatch: pytest.MonkeyPatch) -> None:
+    context = cpu_target.target_context
+    pair = llvm_ir.LiteralStructType([llvm_ir.IntType(8), llvm_ir.DoubleType()])
+    every = {llvm_ir.IntType(1): 1, pair: 16, llvm_ir.ArrayType(pair, 3): 48, llvm_ir.PointerType(): 8}
+    for _ in range(2):
+        assert {one: context.get_abi_sizeof(one) for one in every} == every
+        monkeypatch.setattr(shortcuts, "_get_size", None)
+    monkeypatch.undo()
+    named = llvm_ir.Context().get_identified_type("one")
+    named.set_body(llvm_ir.DoubleType())
+    monkeypatch.setattr(shortcuts, "_get_size", lambda context, one: 77)
+    assert context.get_abi_sizeof(named) == 77  # another one of that name may have another size
+
+
+def test_a_second_copy_of_the_module_finds_numbas_own() -> None:
+    """An interpreted FMU brings one."""
+    spec = importlib.util.spec_from_file_location("shortcuts_again", shortcuts.__file__)
+    assert spec is not None and spec.loader is not None
+    again = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(again)
+    values = vars(shortcuts).items()
+    every = [name for name, value in values if str(getattr(value, "__module__", "")).startswith("numba")]
+    own = [name for name in every if inspect.unwrap(getattr(shortcuts, name)) is getattr(shortcuts, name)]
+    assert {"_get_call_type", "_resolve_value_type", "_inline", "_get_size", "_end_event", "_ensure_blas"} <= {*own}
+    assert [name for name in own if getattr(again, name) is not getattr(shortcuts, name)] == []
+    assert again._disabled.func is shortcuts._disabled.func
+
+
+def with_loc(a: Any, loc: Any = None) -> None: ...
+
+
+def with_keyword(a: Any, *, loc: Any) -> None: ...
+
+
+def with_all(*loc: Any) -> None: ...
+
+
+def with_named(a: Any, **loc: Any) -> None: ...
+
+
+def with_local(a: Any) -> Any:
+    loc = a
+    return loc
+
+
+@functools.wraps(with_loc)
+def wrapping(*arguments: Any) -> None: ...
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        *(with_loc, with_keyword, with_all, with_named, with_local, wrapping),
+        *(functools.partial(with_loc, 1), functools.partial(with_local, 1), with_none_of_them),
+    ],
+)
+def test_who_takes_a_place(function: Callable[..., Any]) -> None:
+    assert shortcuts._has_loc(function) is ("loc" in inspect.signature(function).parameters)
+
+
 # ---- passes ----
 
 
@@ -368,6 +522,14 @@ def test_who_watches_passes_sees_them() -> None:
         numba.njit(lambda x: x + 1.0).compile((types.float64,))
     names = [one.data["name"].split()[0] for _, one in seen.buffer if one.is_start]
     assert {"nopython_type_inference", "native_lowering"} <= {*names}
+
+
+@pytest.mark.parametrize("kind", ["numba:llvm_lock", "numba:compiler_lock"])
+def test_who_watches_locks_sees_them(kind: str) -> None:
+    with event.install_recorder(kind) as seen:
+        numba.njit(lambda x: x + 1.0).compile((types.float64,))
+    began, ended = ([one for _, one in seen.buffer if getattr(one, which)] for which in ("is_start", "is_end"))
+    assert len(began) == len(ended) > 10
 
 
 # ---- linking ---------------------------------------------------------------------------------------------------------
