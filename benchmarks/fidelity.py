@@ -47,6 +47,7 @@ from benchmarks.flights import (
 from cosim import Model
 from cosim.frames import euler_from_quaternion, quaternion_from_euler
 from tests.models.copter import RECORDED_AUTOPILOT, RECORDINGS, Copter, H, preset
+from tests.models.shipped_kernels import Loop
 
 SHARES = (0.1, 0.5, 0.9)
 HEIGHTS = (0.05, 0.5, 5.0, 9.0)
@@ -128,6 +129,17 @@ class Misled(Copter):
         self.m["lane_dip"][:] = -about[1], about[0]
         self._rows[:, 6:8] = 0.0
         self._fails = False
+
+    def _loop(self) -> Loop | None:
+        loop = None if self._fails else self._of_pairs()
+        if loop is not None:
+            loop.errors, loop.row, loop.advances = self._rows, self._row, self._begun
+        return loop
+
+    def _fly(self, loop: Loop, rows: NDArray[np.float64]) -> int:
+        made = super()._fly(loop, rows)
+        self._row = loop.row
+        return made
 
     def _connect(self) -> None:
         super()._connect()

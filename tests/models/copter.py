@@ -13,11 +13,12 @@ from lxml import etree
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim.kernel import PLAIN
 from cosim_models.autopilot.autopilot import Autopilot
 from cosim_models.vehicles import quadrotor
 from cosim_models.vehicles.dynamics.rotor import MotorCurve
 from cosim_models.vehicles.quadrotor import Quadrotor
-from tests.models.shipped_kernels import joined, kernels, part
+from tests.models.shipped_kernels import Loop, joined, kernels, part
 
 H = 0.0025
 STABILIZE, GUIDED, LOITER, RTL, LAND = (
@@ -36,6 +37,8 @@ ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
 ONLY_POSITION, ONLY_VELOCITY, ONLY_ACCELERATION = 0xDF8, 0xDC7, 0xC3F
 LINES = ("telemetry", "serial")
 """Links of the autopilot besides `mavlink`."""
+FEW = 10
+"""Steps that Python makes in the time in which it prepares the loop."""
 MOTION = ("position", "velocity", "attitude", "angular_velocity", "specific_force")
 RECORDINGS = Path(__file__).parents[1] / "data" / "arducopter"
 PRESETS = Path(quadrotor.__file__).parent / "presets"
@@ -118,8 +121,8 @@ class Copter:
         self._commands, self._motor = self.v["motor"], self.m["motor"]
         self._before = self._motor.copy()
         lines = ("mavlink", *LINES)
-        self._given, self._got = ([part(self.m, f"{line}_{way}_len") for line in lines] for way in ("rx", "tx"))
-        self._got_at = [*zip(LINES, self._got[1:], strict=True)]
+        self._given, got = ([part(self.m, f"{line}_{way}_len") for line in lines] for way in ("rx", "tx"))
+        self._got_at = [*zip(lines, got, strict=True)]
         self._connect()
         self.m["airframe"] = self.v["airframe"]
         assert start(self.m) == 0
@@ -184,24 +187,54 @@ class Copter:
             size[0] = 0
         self._commands[:] = self._motor if self.direct else self._before
         assert self.advance_vehicle(self.v, t, H) == 0
-        if used := self._got[0][0]:
-            data = m["mavlink_tx"][:used].tobytes()
-            self.sent += data
-            self.heard += [(t, message) for message in self._decoder(data)]
         for line, size in self._got_at:
             if used := size[0]:
-                self.heard_at[line] += self._decoders[line](m[f"{line}_tx"][:used].tobytes())
+                self._hear(t, line, m[f"{line}_tx"][:used].tobytes())
         self.step += 1
+
+    def _hear(self, t: float, line: str, data: bytes) -> None:
+        """Reads the packets of the step at `t`."""
+        if line == "mavlink":
+            self.sent += data
+            self.heard += [(t, message) for message in self._decoder(data)]
+        else:
+            self.heard_at[line] += self._decoders[line](data)
+
+    def _loop(self) -> Loop | None:
+        """What makes many steps at a time, until somebody sends something; None if a step is not that of `tick`."""
+        own = type(self)._connect is Copter._connect and type(self).tick is Copter.tick
+        return self._of_pairs() if own else None
+
+    def _of_pairs(self) -> Loop | None:
+        if PLAIN or self.advance_vehicle is not kernels(self.vehicle_model)[1]:
+            return None
+        lines = ("mavlink", *LINES)
+        return Loop(Autopilot, self.vehicle_model, self.m, self.v, self._pairs, lines, direct=self.direct)
 
     def run(self, duration: float) -> NDArray[np.float64]:
         """Fly on; rows of time [s], position [m, NED], velocity [m/s, NED], desired position [m, NED]."""
         rows = np.empty((round(duration / H), 10))
         position, velocity, desired = self.v["position"], self.v["velocity"], self.m["desired_position"]
-        for row in rows:
-            self.tick()
-            row[0] = self.step * H
-            row[1:4], row[4:7], row[7:10] = position, velocity, desired
+        made = 0
+        while made < len(rows):
+            silent = not self.waiting and not any(self.waiting_at.values())
+            if silent and len(rows) - made >= FEW and (loop := self._loop()) is not None:
+                made += self._fly(loop, rows[made:])
+            if made < len(rows):
+                self.tick()
+                row = rows[made]
+                row[0] = self.step * H
+                row[1:4], row[4:7], row[7:10] = position, velocity, desired
+                made += 1
         return rows
+
+    def _fly(self, loop: Loop, rows: NDArray[np.float64]) -> int:
+        """Makes steps without what a subclass adds to `tick`; returns how many."""
+        made, packets = loop.fly(self.step, len(rows), rows)
+        for step, line, data in packets:
+            self._hear(step * H, loop.lines[line], data)
+        self.step += made
+        return made
 
     def messages(self, name: str) -> list[Any]:
         return [message for _, message in self.heard if message.get_type() == name]

@@ -10,7 +10,8 @@ import atexit
 import ctypes
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,24 +25,26 @@ from cosim.build.sources import sources_of
 from cosim.kernel import PLAIN
 from cosim.model import Model
 
-SHIM = """
-int model_start(int *code, void **exception, void *record);
-int model_advance(int *code, void **exception, void *record, double t, double h);
+PROGRAM = Path(__file__).with_name("flight.c")
 
-int start(void *record)
-{
-    int code = 0;
-    void *exception = 0;
-    return model_start(&code, &exception, record) ? -1 : code;
-}
 
-int advance(void *record, double t, double h)
-{
-    int code = 0;
-    void *exception = 0;
-    return model_advance(&code, &exception, record, t, h) ? -1 : code;
-}
-"""
+@cache
+def _library(model: type[Model]) -> ctypes.CDLL:
+    """Returns flight.c with the kernels of a model."""
+    temporary = TemporaryDirectory(prefix="uav-cosim-kernels-")
+    atexit.register(temporary.cleanup)
+    folder = Path(temporary.name)
+    ((_, code),) = kernel_code(model, sources_of(model), [HOST], checked=False)
+    (folder / "model.o").write_bytes(code)
+    library = folder / f"kernels{TARGETS[HOST].suffix}"
+    zig = [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[HOST].zig]
+    options = ["-O2", "-ffp-contract=off", "-shared", "-fPIC", "-s", "-rtlib=none"]
+    subprocess.run([*zig, *options, PROGRAM, "model.o", "-lm", "-o", library], cwd=folder, check=True)
+    functions = ctypes.CDLL(str(library))
+    functions.advance.argtypes = (ctypes.c_void_p, ctypes.c_double, ctypes.c_double)
+    functions.fly.argtypes = (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
+    functions.fly.restype = ctypes.c_int64
+    return functions
 
 
 @cache
@@ -50,47 +53,124 @@ def kernels(model: type[Model]) -> tuple[Callable[[Any], int], Callable[[Any, fl
     if PLAIN:
         assert model.kernels is not None
         return model.kernels
-    temporary = TemporaryDirectory(prefix="uav-cosim-kernels-")
-    atexit.register(temporary.cleanup)
-    folder = Path(temporary.name)
-    ((_, code),) = kernel_code(model, sources_of(model), [HOST], checked=False)
-    (folder / "model.o").write_bytes(code)
-    (folder / "shim.c").write_text(SHIM, encoding="utf-8")
-    library = folder / f"kernels{TARGETS[HOST].suffix}"
-    command = [
-        sys.executable,
-        "-m",
-        "ziglang",
-        "cc",
-        "-target",
-        TARGETS[HOST].zig,
-        "-O2",
-        "-shared",
-        "-fPIC",
-        "-s",
-        "-rtlib=none",
-    ]
-    subprocess.run([*command, "shim.c", "model.o", "-lm", "-o", library], cwd=folder, check=True)
-    functions = ctypes.CDLL(str(library))
-    functions.advance.argtypes = (ctypes.c_void_p, ctypes.c_double, ctypes.c_double)
+    functions = _library(model)
     c_advance, size = functions.advance, model.record().nbytes
     known: Any = None
     at = 0
 
-    def address(m: Any) -> int:
-        assert m.nbytes == size, "the record of another model"
-        return int(np.frombuffer(m, np.uint8).ctypes.data)  # `m.__array_interface__` lists all fields each time
-
     def start(m: Any) -> int:
-        return int(functions.start(ctypes.c_void_p(address(m))))
+        return int(functions.start(ctypes.c_void_p(address(m, size))))
 
     def advance(m: Any, t: float, h: float) -> int:
         nonlocal known, at
         if m is not known:  # finding the address takes as long as a step
-            known, at = m, address(m)
+            known, at = m, address(m, size)
         return c_advance(at, t, h)  # type: ignore[no-any-return]
 
     return start, advance
+
+
+def address(memory: Any, size: int | None = None) -> int:
+    """Returns where the memory of a record or an array is."""
+    assert size is None or memory.nbytes == size, "the record of another model"
+    return int(np.frombuffer(memory, np.uint8).ctypes.data)  # `m.__array_interface__` lists all fields each time
+
+
+class _Span(ctypes.Structure):
+    _fields_ = (("to", ctypes.c_void_p), ("of", ctypes.c_void_p), ("size", ctypes.c_int64))
+
+
+class _Line(ctypes.Structure):
+    _fields_ = (("given", ctypes.c_void_p), ("got", ctypes.c_void_p), ("text", ctypes.c_void_p))
+
+
+class _Flight(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("pilot", "vehicle", "pilots", "vehicles")),
+        *((name, ctypes.c_double) for name in ("h", "inner")),
+        ("direct", ctypes.c_int64),
+        ("motors", _Span),
+        *((name, ctypes.c_int64) for name in ("spans", "lines")),
+        *((name, ctypes.c_void_p) for name in ("span", "line", "position", "velocity", "attitude", "errors")),
+        *((name, ctypes.c_int64) for name in ("rows_of_errors", "row", "advances")),
+        ("columns", ctypes.c_void_p * 3),
+        *((name, ctypes.c_void_p) for name in ("table", "log")),
+        *((name, ctypes.c_int64) for name in ("room", "used")),
+    )
+
+
+_ROOM = 1 << 20
+_log = np.zeros(_ROOM + (1 << 18), np.uint8)  # room for the packets of one more step
+
+
+@dataclass
+class Loop:
+    """Steps of an autopilot and a vehicle, made by flight.c.
+
+    Attributes:
+        pilot, vehicle: the models; `m`, `v`: their records.
+        pairs: memory of the one that takes that of the other before each step.
+        lines: names of the autopilot's links.
+        direct: whether the motors obey in the step in which they are commanded.
+        errors: of position, velocity, roll, pitch and yaw as the autopilot knows them: rows of nine. The next one is
+            `row`; `advances` says whether each step takes another one.
+    """
+
+    pilot: type[Model]
+    vehicle: type[Model]
+    m: Any
+    v: Any
+    pairs: Sequence[tuple[NDArray[Any], NDArray[Any]]]
+    lines: Sequence[str]
+    direct: bool = False
+    errors: NDArray[np.float64] | None = None
+    row: int = 0
+    advances: bool = False
+
+    def fly(
+        self, step: int, count: int, table: NDArray[np.float64] | None = None
+    ) -> tuple[int, list[tuple[int, int, bytes]]]:
+        """Makes up to `count` steps from `step` on: how many, and each step, line and bytes of packets.
+
+        Args:
+            table: rows of time, position, velocity and desired position.
+        """
+        m, v = self.m, self.v
+        spans = (_Span * len(self.pairs))(*((address(to), address(of), to.nbytes) for to, of in self.pairs))
+        ways = [[address(part(m, f"{line}_{way}")) for way in ("rx_len", "tx_len", "tx")] for line in self.lines]
+        lines = (_Line * len(ways))(*(_Line(*way) for way in ways))
+        flight, failed = _Flight(), ctypes.c_int(0)
+        flight.pilots, flight.vehicles = address(m), address(v)
+        for name, model in (("pilot", self.pilot), ("vehicle", self.vehicle)):
+            setattr(flight, name, ctypes.cast(_library(model).advance, ctypes.c_void_p).value)
+        flight.h, flight.inner, flight.direct = self.pilot.step_size, self.vehicle.step_size, int(self.direct)
+        flight.motors = _Span(address(v["motor"]), address(m["motor"]), m["motor"].nbytes)
+        flight.spans, flight.span = len(spans), ctypes.addressof(spans)
+        flight.lines, flight.line = len(lines), ctypes.addressof(lines)
+        flight.position, flight.velocity, flight.attitude = (
+            address(m[name]) for name in ("position", "velocity", "attitude")
+        )
+        if self.errors is not None:
+            assert self.errors.flags.c_contiguous and self.errors.shape[1] == 9
+            flight.errors, flight.rows_of_errors = address(self.errors), len(self.errors)
+            flight.row, flight.advances = self.row, int(self.advances)
+        if table is not None:
+            assert table.flags.c_contiguous and table.shape == (count, 10)
+            columns = (v["position"], v["velocity"], m["desired_position"])
+            flight.table, flight.columns = address(table), (ctypes.c_void_p * 3)(*map(address, columns))
+        flight.log, flight.room = address(_log), _ROOM
+        made = _library(self.pilot).fly(ctypes.addressof(flight), step, count, ctypes.addressof(failed))
+        assert failed.value == 0, f"a kernel returned {failed.value} in step {step + made}"
+        self.row = flight.row
+        return made, list(_packets(flight.used))
+
+
+def _packets(used: int) -> Iterator[tuple[int, int, bytes]]:
+    at = 0
+    while at < used:
+        step, line, length = (int(x) for x in _log[at : at + 24].view(np.int64))
+        yield step, line, _log[at + 24 : at + 24 + length].tobytes()
+        at += 24 + (length + 7) // 8 * 8
 
 
 def part(record: Any, name: str) -> NDArray[Any]:
