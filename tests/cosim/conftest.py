@@ -61,12 +61,12 @@ def plant(request: pytest.FixtureRequest) -> Path:
 @pytest.fixture(scope="session")
 def forked_builder() -> Iterator[Forked]:
     """Programs in processes of their own that have imported what builds and compiles, but compiled nothing."""
-    with forking_after("import cosim.build, fmpy.fmi2\n" + LOAD) as forked:
+    with forking_after("import cosim.build, fmpy.fmi2, fmpy.simulation\n" + LOAD) as forked:
         yield forked
 
 
 @pytest.fixture(scope="session")
 def forked_importer() -> Iterator[Forked]:
     """Programs in processes of their own that have imported FMPy, but nothing of this project."""
-    with forking_after("import fmpy.fmi2") as forked:
+    with forking_after("import fmpy.fmi2, fmpy.simulation") as forked:
         yield forked

@@ -32,10 +32,12 @@ from numba.core import (  # noqa: E402
     types,
     untyped_passes,
 )
+from numba.core.base import BaseContext  # noqa: E402
 from numba.core.compiler_lock import global_compiler_lock  # noqa: E402
 from numba.core.compiler_machinery import PassManager  # noqa: E402
 from numba.core.registry import cpu_target  # noqa: E402
 from numba.core.types.functions import BaseFunction  # noqa: E402
+from numba.core.typing.context import BaseContext as TypingContext  # noqa: E402
 
 from cosim import shortcuts  # noqa: E402
 from cosim.kernel import kernel  # noqa: E402
@@ -162,6 +164,7 @@ def test_an_extension_that_comes_later_counts() -> None:
 
 def test_types_of_constants(monkeypatch: pytest.MonkeyPatch) -> None:
     """Those that numba finds by trying all kinds one after the other."""
+    monkeypatch.setattr(TypingContext, "resolve_value_type", shortcuts._known_value_type)
     context = cpu_target.typing_context
     context.refresh()
     values = [math.sin, operator.add, len, max, clipped, (1, 2.0), 3, 2.5, True, float, range, np.float32, np, "x"]
@@ -398,13 +401,13 @@ def test_functions_with_something_to_inline_are_looked_through(
 
 
 def test_sizes_of_types(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(BaseContext, "get_abi_sizeof", shortcuts._known_size)
     context = cpu_target.target_context
     pair = llvm_ir.LiteralStructType([llvm_ir.IntType(8), llvm_ir.DoubleType()])
     every = {llvm_ir.IntType(1): 1, pair: 16, llvm_ir.ArrayType(pair, 3): 48, llvm_ir.PointerType(): 8}
     for _ in range(2):
         assert {one: context.get_abi_sizeof(one) for one in every} == every
         monkeypatch.setattr(shortcuts, "_get_size", None)
-    monkeypatch.undo()
     named = llvm_ir.Context().get_identified_type("one")
     named.set_body(llvm_ir.DoubleType())
     monkeypatch.setattr(shortcuts, "_get_size", lambda context, one: 77)
@@ -417,8 +420,7 @@ def test_a_second_copy_of_the_module_finds_numbas_own() -> None:
     assert spec is not None and spec.loader is not None
     again = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(again)
-    values = vars(shortcuts).items()
-    every = [name for name, value in values if str(getattr(value, "__module__", "")).startswith("numba")]
+    every = [name for name, value in vars(shortcuts).items() if callable(value) and "numba" in value.__module__]
     own = [name for name in every if inspect.unwrap(getattr(shortcuts, name)) is getattr(shortcuts, name)]
     assert {"_get_call_type", "_resolve_value_type", "_inline", "_get_size", "_end_event", "_ensure_blas"} <= {*own}
     assert [name for name in own if getattr(again, name) is not getattr(shortcuts, name)] == []
