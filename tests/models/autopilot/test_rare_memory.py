@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from cosim_models.autopilot.autopilot import Autopilot
 from cosim_models.vehicles.quadrotor import Quadrotor
@@ -55,30 +58,49 @@ def used_often(pair: Pair) -> list[str]:
     return sorted(name for name, count in counts.items() if count > STEPS / 4)
 
 
-def flight() -> dict[str, list[str]]:
-    """Flies with interpreted kernels; returns what is used often in each phase."""
-    pair = Pair(Quadrotor, Autopilot, pilot={"estimate_ready_time": 0.1, "TKOFF_SLEW_TIME": 0.1, "MOT_SPOOL_TIME": 0.1})
-    pair.m = Watched(pair.m)
-    found = {"on the ground": used_often(pair)}
-    pair.until(1.0)
+def pair() -> Pair:
+    return Pair(Quadrotor, Autopilot, pilot={"estimate_ready_time": 0.1, "TKOFF_SLEW_TIME": 0.1, "MOT_SPOOL_TIME": 0.1})
+
+
+def flight() -> dict[str, tuple[int, bytes, bytes]]:
+    """Flies with compiled kernels; returns the step and both records at the begin of each phase."""
+    flying = pair()
+    found: dict[str, tuple[int, bytes, bytes]] = {}
+
+    def keep(phase: str) -> None:
+        found[phase] = flying.step, flying.m.tobytes(), flying.v.tobytes()
+
+    keep("on the ground")
+    flying.until(1.0)
     for command in ((SET_MODE, 1, GUIDED), (ARM, 1), (TAKEOFF, 0, 0, 0, 0, 0, 0, 1.0)):
-        assert pair.ask(*command) == ACCEPTED
-    while -pair.place[2] < 0.3:
-        assert pair.time < 10.0, "it does not take off"
-        pair.one_step()
-    found["climbing"] = used_often(pair)
-    pair.until(pair.time + 1.0)
-    north, east, _ = pair.place
-    pair.go(north, east + 3.0, 2.0)
-    pair.until(pair.time + 0.5)
-    found["on the way"] = used_often(pair)
+        assert flying.ask(*command) == ACCEPTED
+    while -flying.place[2] < 0.3:
+        assert flying.time < 10.0, "it does not take off"
+        flying.one_step()
+    keep("climbing")
+    flying.until(flying.time + 1.0)
+    north, east, _ = flying.place
+    flying.go(north, east + 3.0, 2.0)
+    flying.until(flying.time + 0.5)
+    keep("on the way")
     return found
 
 
-def test_most_steps_use_no_rare_variable() -> None:
-    """Compiled kernels do not tell; so this runs in a process that compiles nothing."""
+def watched(step: int, m: bytes, v: bytes) -> list[str]:
+    """Goes on from a state with interpreted kernels; returns what is used often."""
+    flying = pair()
+    flying.step = step
+    for record, state in ((flying.m, m), (flying.v, v)):
+        record.base.view(np.uint8)[:] = np.frombuffer(state, np.uint8)
+    flying.m = Watched(flying.m)
+    return used_often(flying)
+
+
+def test_most_steps_use_no_rare_variable(tmp_path: Path) -> None:
+    """Compiled kernels do not tell; so the steps that count are made in a process that compiles nothing."""
+    (tmp_path / "states").write_bytes(pickle.dumps(flight()))
     run = subprocess.run(
-        [sys.executable, "-m", "tests.models.autopilot.test_rare_memory"],
+        [sys.executable, "-m", "tests.models.autopilot.test_rare_memory", str(tmp_path / "states")],
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
         cwd=Path(__file__).parents[3],
         capture_output=True,
@@ -90,4 +112,5 @@ def test_most_steps_use_no_rare_variable() -> None:
 
 
 if __name__ == "__main__":
-    print(json.dumps(flight()))
+    states = pickle.loads(Path(sys.argv[1]).read_bytes())
+    print(json.dumps({phase: watched(*state) for phase, state in states.items()}))
