@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from cosim_models.agents.coverage import Coverage, coverage
 from tests.models.agents.point_masses import Array, PointMasses
@@ -18,14 +19,13 @@ def grid(places: Array, peak: tuple[float, float] = (0.0, 0.0), width: float = 0
     """Masses and centroids of the cells, and the cost, by a sum over a fine grid."""
     axis = np.arange(-HALF + 0.5 * CELL, HALF, CELL)
     points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    squares = ((points[:, None, :] - places[None]) ** 2).sum(axis=2)
-    owner = squares.argmin(axis=1)
+    distances, owner = cKDTree(places).query(points)
     weight = np.full(len(points), CELL * CELL)
     if width:
         weight *= np.exp(-0.5 * ((points - peak) ** 2).sum(axis=1) / width**2)
     mass = np.bincount(owner, weight, len(places))
     moments = [np.bincount(owner, weight * points[:, i], len(places)) for i in range(2)]
-    return mass, np.stack(moments, axis=1) / mass[:, None], float((weight * squares.min(axis=1)).sum())
+    return mass, np.stack(moments, axis=1) / mass[:, None], float((weight * distances**2).sum())
 
 
 def masses(n: int, **more: Any) -> PointMasses:
