@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from cosim_models.agents.line import StalePolicy, Trigger
 from cosim_models.agents.line_agent import LineAgent
 from cosim_models.agents.parts.script import AgentState, Failure
-from tests.models.shipped_kernels import kernels
+from tests.models.shipped_kernels import kernels, part
 
 H = 0.0125
 LATITUDE, LONGITUDE = -35.363262, 149.165237
@@ -80,6 +80,9 @@ class Agent:
         for name, value in parameters.items():
             self.m[name] = value
         self.start, self.advance = kernels(LineAgent)
+        self._rx, self._rx_len, self._tx, self._tx_len = (
+            part(self.m, f"mavlink_{name}") for name in ("rx", "rx_len", "tx", "tx_len")
+        )
         assert self.start(self.m) == 0
         self.k = 0
         self.sent: list[tuple[float, Any]] = []
@@ -92,11 +95,12 @@ class Agent:
     def step(self, *packets: bytes) -> list[Any]:
         """One step with these packets; what it sends."""
         data = b"".join(packets)
-        self.m.mavlink_rx[: len(data)] = np.frombuffer(data, dtype=np.uint8)
-        self.m.mavlink_rx_len = len(data)
+        if data:
+            self._rx[: len(data)] = np.frombuffer(data, dtype=np.uint8)
+        self._rx_len[0] = len(data)
         assert self.advance(self.m, self.t, H) == 0
-        out = self.m.mavlink_tx[: self.m.mavlink_tx_len].tobytes()
-        messages = self.parser.parse_buffer(out) or []
+        out = self._tx[: self._tx_len[0]].tobytes() if self._tx_len[0] else b""
+        messages = (self.parser.parse_buffer(out) if out else None) or []
         assert all(m.get_type() != "BAD_DATA" for m in messages)
         assert sum(len(m.get_msgbuf()) for m in messages) == len(out)
         self.sent += [(self.t, m) for m in messages]
@@ -623,15 +627,15 @@ class PointMass:
 
     def step(self, t: float, k: int, packets: bytes) -> bytes:
         out = b""
-        for message in self.parser.parse_buffer(packets) or []:
+        for message in (self.parser.parse_buffer(packets) if packets else None) or []:
             if message.get_type() == "COMMAND_LONG" and message.target_system == self.send.link.srcSystem:
                 self.obey(message)
                 out += self.send.ack(message.command, ACCEPTED, message.get_srcSystem())
             elif message.get_type() == "SET_POSITION_TARGET_GLOBAL_INT":
                 self.target = place_of(message.lon_int)
                 assert message.lat_int == round(LATITUDE * 1e7)
-        self.place += float(np.clip(self.target - self.place, -8.0 * H, 8.0 * H))
-        self.height += float(np.clip(self.climb_to - self.height, -2.5 * H, 2.5 * H))
+        self.place += min(max(self.target - self.place, -8.0 * H), 8.0 * H)
+        self.height += min(max(self.climb_to - self.height, -2.5 * H), 2.5 * H)
         if k % 40 == 0:
             out += self.send.heartbeat(armed=self.armed, mode=self.mode)
         if k % 20 == 0 and 33 in self.streams:
@@ -680,7 +684,7 @@ def formation(
     for k in range(round(seconds / H)):
         told = []
         for i, agent in enumerate(agents):
-            radio = [said[0][j] for j in (i - 1, i + 1) if 0 <= j < n and not lost(j, i, k)]
+            radio = [said[0][j] for j in (i - 1, i + 1) if 0 <= j < n and said[0][j] and not lost(j, i, k)]
             told.append(b"".join(bytes(m.get_msgbuf()) for m in agent.step(said[-1][i], *radio)))
         steps = {int(a.m.step) for a in agents}
         if len(steps) == 1:
