@@ -525,10 +525,16 @@ def digest() -> str:
 
 
 def in_another_process(tmp_path: Path, **environment: str) -> str:
-    """Run this file's tests, then digest(), in a process with the given environment variables."""
+    """Run this file's tests, with the first 30 examples of each, then digest(), in a process with the variables."""
     script = (
         "import importlib.util, sys, pytest\n"
-        "code = pytest.main([sys.argv[1], '-q', '-p', 'no:cacheprovider', '-k', 'not process and not ahead'])\n"
+        "class Fewer:\n"
+        "    def pytest_collection(self):\n"
+        "        import hypothesis\n"
+        "        hypothesis.settings.register_profile('fewer', max_examples=30)\n"
+        "        hypothesis.settings.load_profile('fewer')\n"
+        "options = ['-q', '-p', 'no:cacheprovider', '-k', 'not process and not ahead']\n"
+        "code = pytest.main([sys.argv[1], *options], [Fewer()])\n"
         "spec = importlib.util.spec_from_file_location('again', sys.argv[1])\n"
         "again = importlib.util.module_from_spec(spec); spec.loader.exec_module(again)\n"
         "print('digest', again.digest())\n"
