@@ -3,7 +3,8 @@
 The functions of MAVSDK's client plug-ins (`clients_mavsdk`) and common commands of MAVProxy's modules
 (`mavproxy_calls`) are called on one quadrotor, first on the ground, then in flight. Ours is a run of `line5-script`
 with one drone; ArduCopter, which ARDUPILOT_SITL names, flies its own physics. Without it, ours is
-compared with the outcomes in `clients.json`, which `--record` writes.
+compared with the outcomes in `clients.json`, which `--record` writes. A client is started when its vehicle sends, after
+the run has been compiled. What fails leaves its folder with the logs of vehicle and client, and says where.
 
     python -m benchmarks.clients [--clients mavsdk mavproxy] [--json FILE] [--docs FILE]
     ARDUPILOT_SITL=... python -m benchmarks.clients --record
@@ -14,13 +15,15 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from benchmarks.report import machine, section, show, write
@@ -32,6 +35,10 @@ PACE = 2.0
 """Simulated seconds per second of both vehicles."""
 LIMIT = 1500.0
 """Seconds for all calls of a client."""
+PATIENCE = 900.0
+"""Seconds until a vehicle sends its first packet; where nothing is compiled yet, a run takes minutes for that."""
+TOLD = 2000
+"""Characters of a log's end that a failure tells."""
 HOME = (-35.363262, 149.165237, 584)
 PLACE = "{}\t{}\t{}\t{}\t{}\t0\t0\t0\t{}\t{}\t{}\t1"
 PLANS = {
@@ -60,13 +67,48 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
+def await_packet(port: int, process: subprocess.Popen[bytes], patience: float = PATIENCE) -> None:
+    """Waits until a vehicle sends to a port that nobody listens to yet.
+
+    Raises:
+        RuntimeError: it has ended, or sends nothing.
+    """
+    end = time.monotonic() + patience
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", port))
+        one.settimeout(0.2)
+        while time.monotonic() < end:
+            with suppress(TimeoutError):
+                one.recv(65536)
+                return
+            if process.poll() is not None:
+                raise RuntimeError(f"the vehicle has ended with {process.returncode} before its first packet")
+    raise RuntimeError(f"the vehicle has sent nothing for {patience:g} s")
+
+
 @contextmanager
-def program(command: Sequence[str], folder: Path) -> Iterator[None]:
+def kept_if_it_fails(name: str) -> Iterator[Path]:
+    """A folder that is removed, unless what is done with it fails.
+
+    Raises:
+        SystemExit: that has failed; it names the folder and tells the ends of the logs in it.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="uav-cosim-clients-"))
+    try:
+        yield folder
+    except (OSError, RuntimeError, ValueError, subprocess.SubprocessError) as error:
+        logs = [f"{log}:\n{log.read_text(errors='replace')[-TOLD:]}" for log in sorted(folder.glob("*.log"))]
+        raise SystemExit("\n".join([f"{name}: {str(error).rstrip('.')}; its files are in {folder}", *logs])) from error
+    shutil.rmtree(folder)
+
+
+@contextmanager
+def program(command: Sequence[str], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Runs a vehicle in a folder; ends it afterwards."""
     with (folder / "vehicle.log").open("w") as log:
         process = subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
         try:
-            yield
+            yield process
         finally:
             process.terminate()
             try:
@@ -153,11 +195,12 @@ def read(file: Path) -> dict[str, str]:
 
 def outcomes_of(vehicle: str, client: str) -> dict[str, str]:
     """All outcomes of a client's calls on one vehicle."""
-    with tempfile.TemporaryDirectory(prefix="uav-cosim-clients-") as folder:
-        place, port = Path(folder), free_port()
-        command = ours(place, port) if vehicle == "ours" else arducopter(place, port)
-        with program(command, place):
-            return called(client, place, port)
+    with kept_if_it_fails(f"{client} with {vehicle}") as folder:
+        port = free_port()
+        command = ours(folder, port) if vehicle == "ours" else arducopter(folder, port)
+        with program(command, folder) as process:
+            await_packet(port, process)
+            return called(client, folder, port)
 
 
 def differing(ours: Mapping[str, str], theirs: Mapping[str, str]) -> list[tuple[str, str, str]]:
