@@ -41,6 +41,8 @@ SILENCE = mavlink.MAVLink_request_data_stream_message(1, 1, 0, 0, 0)
 """ArduRover and ArduPlane stream at 1 Hz before they are asked."""
 HOME = {"HOME_POSITION", "GPS_GLOBAL_ORIGIN"}
 """Messages that ArduPlane repeats every 6 s, unasked, while it is disarmed."""
+LASTING = {"FIXED_MAG_CAL_YAW", "MAG_CAL start", "MAG_CAL cancel"}
+"""Questions after which a firmware does not arm until it is booted again."""
 PATIENCE = 12
 """Times of 1.2 s in which a firmware has to become silent: it waits for the items of an upload for 8 s."""
 
@@ -186,7 +188,8 @@ def ask_real(kind: Kind, folder: Path) -> dict[str, Answer]:
                 answers[question.name] = asked(question, answer)
                 if question.name.startswith("SET_MESSAGE_INTERVAL"):
                     one.send(*(long(511, number, -1) for number in (30, 31, 33, 83, 105, 100, 132)))
-                same = state_of(one) == before and not any(text.startswith("Transition") for text in answer.texts)
+                same = question.name not in LASTING and state_of(one) == before
+                same = same and not any(text.startswith("Transition") for text in answer.texts)
             except (TimeoutError, RuntimeError) as error:
                 answers[question.name] = Answer(None, (f"stopped: {str(error)[:60]}",), ())
                 same = False

@@ -95,6 +95,7 @@ from cosim_models.autopilot.surface.failsafes import (
     failsafes,
 )
 from cosim_models.autopilot.surface.learning import LEARN_MEMORY, begin_learning, learn
+from cosim_models.autopilot.surface.motor_test import continue_test, testing
 from cosim_models.autopilot.surface.piloted import (
     PILOT_MEMORY,
     PILOT_PARAMETERS,
@@ -323,7 +324,7 @@ def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
         _hear_mission(m, message, sender, part, t)
 
 
-_receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, _hear, _other))
+_receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, _hear, _other, testing(_arm)))
 
 
 # ---- driving -------------------------------------------------------------------------------------------------------
@@ -494,6 +495,9 @@ def advance(m: Any, t: float, h: float) -> int:
         home_here(m)
         m.motor[0], m.motor[1] = 0.5, 0.5
         m.demand, m.integral = 0.0, 0.0
+        m.test_motor = 0
+    elif m.test_motor > 0:
+        continue_test(m, t)
     else:
         _act(m, t, h)
         if m.emergency_stop:

@@ -82,7 +82,7 @@ from cosim_models.autopilot.gcs.words import (
     say,
 )
 
-__all__ = ["NOT_HERE", "answer"]
+__all__ = ["NOT_HERE", "answer", "is_surface"]
 
 NOT_HERE = cast(int, np.int64(-1))
 """The command is not one of these."""
@@ -134,7 +134,7 @@ def _tell_interval(m: Any, message: float) -> int:
 
 
 @kernel
-def _is_surface(m: Any) -> bool:
+def is_surface(m: Any) -> bool:
     return bool(m.kind in (MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT))
 
 
@@ -162,7 +162,7 @@ def _calibrate(m: Any, command: int, p1: float) -> int:
 @kernel
 def _of_wings(m: Any, command: int, p1: float) -> int:
     """Answers commands that ArduPlane knows and ArduRover does not, and those that the two answer differently."""
-    surface = _is_surface(m)
+    surface = is_surface(m)
     if command == MAV_CMD_DO_SPRAYER:
         return _accept(surface, MAV_RESULT_FAILED)
     if command == MAV_CMD_DO_FENCE_ENABLE:  # without fences, a plane does not enable them
@@ -230,7 +230,7 @@ def answer(m: Any, command: int, p: tuple[float, float, float, float], t: float)
     if m.kind == MAV_TYPE_QUADROTOR:
         return NOT_HERE
     if command == MAV_CMD_DO_SEND_BANNER:
-        say(m, MAV_SEVERITY_INFO, ROVER if _is_surface(m) else PLANE, 0)
+        say(m, MAV_SEVERITY_INFO, ROVER if is_surface(m) else PLANE, 0)
         return MAV_RESULT_ACCEPTED
     for i in range(_IDLE.size):
         if _IDLE[i] == command and not (command == MAV_CMD_BATTERY_RESET and m.battery_voltage > 0.0):

@@ -85,7 +85,7 @@ from cosim.messages import (
 )
 from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, system, target, unpack, version
 from cosim_models.autopilot.commander.reboot import ask_to_reboot
-from cosim_models.autopilot.gcs.answers import NOT_HERE, answer
+from cosim_models.autopilot.gcs.answers import NOT_HERE, answer, is_surface
 from cosim_models.autopilot.gcs.devices import test_motors
 from cosim_models.autopilot.gcs.rows import ROWS, group_of, is_absent, row_of
 from cosim_models.autopilot.gcs.sending import can_answer, send
@@ -132,6 +132,7 @@ def firmware(
     command: Callable[[Any, int, float, float, float, float], int],
     hear: Callable[[Any, int, float], None],
     other: Callable[[Any, int, int, int, float], None],
+    test: Callable[[Any, float, float, float, float, float], int] | None = None,
 ) -> Firmware:
     """Returns the properties of a firmware for `receiver`.
 
@@ -143,8 +144,14 @@ def firmware(
             returns a MAV_RESULT.
         hear: kernel of (record, message id, time) for SET_POSITION_TARGET_* received in GUIDED.
         other: kernel of (record, message id, sender, its component, time) for all other messages.
+        test: kernel of (record, param1 to param4, time) for DO_MOTOR_TEST of rovers and boats; returns a MAV_RESULT.
     """
-    return guided, rtl, change_mode, arm, command, hear, other
+    return guided, rtl, change_mode, arm, command, hear, other, _no_test if test is None else test
+
+
+@kernel
+def _no_test(m: Any, p1: float, p2: float, p3: float, p4: float, t: float) -> int:  # noqa: ARG001
+    return MAV_RESULT_UNSUPPORTED
 
 
 def told(change_mode: Callable[[Any, int, float], int], modes: Sequence[int]) -> Callable[[Any, int, float], int]:
@@ -301,7 +308,7 @@ def _request_stream(m: Any, t: float) -> None:
 
 def _commands(of: Firmware) -> Callable[[Any, int, tuple[float, float, float, float], float, float], int]:
     """Returns a kernel of (record, MAV_CMD, params 1 to 4, param7, time) that obeys a command: its MAV_RESULT."""
-    _, rtl, change_mode, arm, command_of, _, _ = of
+    _, rtl, change_mode, arm, command_of, _, _, _ = of
 
     @kernel
     def arm_or_disarm(m: Any, p1: float, p2: float, t: float) -> int:
@@ -345,7 +352,7 @@ def _commands(of: Firmware) -> Callable[[Any, int, tuple[float, float, float, fl
 
 def _places(of: Firmware) -> tuple[Callable[..., int], Callable[[Any, int, int, int, float], None]]:
     """Returns the kernels for places to fly to in GUIDED: of DO_REPOSITION, and of mission items with current 2."""
-    guided, _, change_mode, _, _, _, other = of
+    guided, _, change_mode, _, _, _, other, _ = of
 
     @kernel
     def reposition(m: Any, frame: int, flags: float, lat: int, lon: int, z: float, t: float) -> int:
@@ -392,7 +399,7 @@ def _places(of: Firmware) -> tuple[Callable[..., int], Callable[[Any, int, int, 
 
 def _dispatcher(of: Firmware) -> Callable[[Any, int, int, int, float], None]:
     """Returns a kernel of (record, message id, sender, its component, time) that processes the received message."""
-    guided, _, change_mode, _, _, hear, other = of
+    guided, _, change_mode, _, _, hear, other, test = of
     command = _commands(of)
     reposition, item = _places(of)
 
@@ -406,6 +413,8 @@ def _dispatcher(of: Firmware) -> Callable[[Any, int, int, int, float], None]:
                 result = _set_home(m, p1, 0, x, y, p7, t)
             elif command_id == MAV_CMD_DO_MOTOR_TEST and m.lifts:
                 result = test_motors(m, p1, p2, p3, p4, p5, t)
+            elif command_id == MAV_CMD_DO_MOTOR_TEST and is_surface(m):
+                result = test(m, p1, p2, p3, p4, t)
             elif command_id == MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN and m.kind != MAV_TYPE_QUADROTOR:
                 result = ask_to_reboot(m, p1, int(p6) if abs(p6) < _WHOLE else 0, t)
             else:
@@ -420,6 +429,8 @@ def _dispatcher(of: Firmware) -> Callable[[Any, int, int, int, float], None]:
                 result = _set_home(m, p1, frame, x, y, z, t)
             elif command_id == MAV_CMD_DO_MOTOR_TEST and m.lifts:
                 result = test_motors(m, p1, p2, p3, p4, float(x), t)
+            elif command_id == MAV_CMD_DO_MOTOR_TEST and is_surface(m):
+                result = test(m, p1, p2, p3, p4, t)
             elif command_id == MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN and m.kind != MAV_TYPE_QUADROTOR:
                 result = ask_to_reboot(m, p1, y, t)
             else:

@@ -138,7 +138,8 @@ _MEMORY = (
     Memory("logs_told", dtype="?", rare=True),
     Memory("attitude_asked", shape=4, rare=True),  # rad: roll, pitch, heading of the rotors; their thrust, 0: they rest
     Memory("test_motor", dtype="i4", rare=True),  # place of the motor that a test turns, from 1; 0: none
-    Memory("test_command", rare=True),  # 0 to 1
+    Memory("test_command", rare=True),  # 0 to 1; of rovers the parameter of the command
+    Memory("test_kind", dtype="i4", rare=True),  # MOTOR_TEST_THROTTLE_TYPE, of rovers
     Memory("test_time", rare=True),  # s, of each motor
     Memory("test_count", dtype="i4", rare=True),
     Memory("test_since", rare=True),  # s

@@ -109,6 +109,10 @@ __all__ = [
     "SWITCHES",
     "TAKEOFF_GUIDED",
     "TAKES_OFF",
+    "TEST_KIND",
+    "TEST_MOTOR",
+    "TEST_PERCENT",
+    "TEST_PULSE",
     "THROTTLE_BACK",
     "THROTTLE_LOST",
     "TOLD",
@@ -257,6 +261,10 @@ _WORDS = (
     "QAssist: Disabled",
     "QAssist: Enabled",
     "QAssist: Force enabled",
+    "Motor Test: invalid motor (%)",
+    "Motor Test: invalid throttle type: %",
+    "Motor Test: pwm (%) too high",
+    "Motor Test: percentage (%) too high",
     *(f"RC%: {name} {at}" for name in _FUNCTIONS.values() for at in ("LOW", "MIDDLE", "HIGH")),
 )
 (
@@ -373,6 +381,10 @@ _WORDS = (
     ASSISTANCE,
     _,
     _,
+    TEST_MOTOR,
+    TEST_KIND,
+    TEST_PULSE,
+    TEST_PERCENT,
     SWITCHES,
     *_SWITCHES_MORE,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))

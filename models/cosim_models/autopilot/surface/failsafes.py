@@ -3,7 +3,7 @@
 Ten times a second. Ground station and radio act by FS_ACTION when a cause has lasted for FS_TIMEOUT, in HOLD only with
 FS_OPTIONS 1, and never in RTL; the mode does not change back. Battery and position are in `gcs.battery` and
 `surface.estimate`. A vehicle that an autonomous mode drives and that neither moves nor turns for 2 s, or leans by more
-than CRASH_ANGLE, has crashed.
+than CRASH_ANGLE, has crashed. None of these three is looked at while a motor is tested.
 
 Source: ArduPilot, Rover/failsafe.cpp, Rover.cpp (gcs_failsafe_check), Rover.h (urgency of the battery's actions),
 radio.cpp, crash_check.cpp.
@@ -177,7 +177,7 @@ def failsafes(
         if m.SIM_GPS1_ENABLE == 0 or m.gps_off or m.position_lost or m.ekf_count > 0 or m.ekf_failed:
             watch_gps(m, t)
             watch_estimate(m, t)
-        if _cannot_fail(m):
+        if m.test_motor > 0 or _cannot_fail(m):
             m.radio_heard = t
             return
         if m.FS_THR_ENABLE != 0:
