@@ -13,6 +13,7 @@ from cosim_models.autopilot.quadplane_autopilot import QuadplaneAutopilot
 from cosim_models.autopilot.wing.returning import approach_height
 from cosim_models.vehicles.quadplane import Quadplane
 from tests.models.autopilot.test_small_autopilots import ARM, REQUEST, SET_MODE, SPEED, TAKEOFF, WAYPOINT, upload
+from tests.models.copter import preset
 from tests.models.pair import ACCEPTED, DENIED, FAILED, Pair
 
 GUIDED, AUTO, QHOVER, QLOITER, QLAND, QRTL = 15, 10, 18, 19, 20, 21
@@ -393,3 +394,22 @@ def test_motors_are_tested_one_after_the_other_clockwise() -> None:
     p.heard.clear()
     assert p.ask(test, 1, 0, 30, 1.0) == FAILED
     assert texts(p)[-1] == "Must be disarmed for motor test"
+
+
+def test_it_descends_the_slower_the_lower_and_rests_for_a_while_before_it_disarms() -> None:
+    """A real ArduPlane 4.7-dev on the same body: sinking at heights, and the time from touch-down to the end."""
+    p = started(values=preset("ardupilot_quadplane"))
+    assert p.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 16.0) == ACCEPTED
+    p.until(25.0)
+    assert p.ask(SET_MODE, 1, QLAND) == ACCEPTED
+    for height, sinks in ((10.3, 1.33), (9.1, 1.11), (8.1, 0.94), (7.2, 0.79), (6.5, 0.65), (3.0, 0.51)):
+        while -p.place[2] > height:
+            p.one_step()
+        assert p.v.velocity[2] == pytest.approx(sinks, abs=0.15)
+    while -p.place[2] > 0.05:
+        p.one_step()
+    touched = p.time
+    while p.m.armed:
+        p.one_step()
+    assert p.time - touched == pytest.approx(6.3, abs=1.5)
+    assert texts(p)[-2:] == ["Land complete", "Throttle disarmed"]

@@ -33,6 +33,7 @@ _SURFACES = 5.0  # m/s, from which on the surfaces help
 _LEAN, _TURN = 0.25, 0.15  # greatest differences of thrust, of 1
 _LIFT = 2.0  # m/s2, greatest vertical acceleration
 _FIRST = 4  # of the elements of `motor`
+_SLOWS = 6.0  # m above Q_LAND_FINAL_ALT, over which a descent becomes slower
 
 HOVER_PARAMETERS = (
     angle("Q_ANGLE_MAX", 30.0, "greatest lean; ArduPlane has it in centidegrees"),
@@ -219,10 +220,10 @@ def glide(m: Any, vn: float, ve: float, climb: float, turn: float, h: float) -> 
 
 @kernel
 def sink(m: Any, n: float, e: float, h: float) -> None:
-    """Descends to the ground above a place."""
+    """Descends to the ground above a place, the slower the nearer to Q_LAND_FINAL_ALT."""
     vn, ve = _towards(m, n, e)
-    final = m.home[2] - m.position[2] < m.Q_LAND_FINAL_ALT
-    _move(m, vn, ve, -float(m.Q_LAND_FINAL_SPD if final else 0.01 * m.Q_WP_SPEED_DN), _turn(m), h)
+    share = clip((m.home[2] - m.position[2] - m.Q_LAND_FINAL_ALT) / _SLOWS, 0.0, 1.0)
+    _move(m, vn, ve, -float(m.Q_LAND_FINAL_SPD * (1.0 - share) + 0.01 * m.Q_WP_SPEED_DN * share), _turn(m), h)
 
 
 @kernel
