@@ -4,8 +4,8 @@ Takes recorded flights (`benchmarks.flights` describes the format; `benchmarks.r
 means WP_YAW_BEHAVIOR 0, `3mps` WPNAV_SPEED 300. Other parameters of the autopilot: --set.
 Where the error of ArduCopter's estimate was recorded, ours senses its motion with the same error at the same time, so
 that the autopilots are compared and not ArduCopter's estimator with the truth; where a flight makes sensors fail, only
-the attitude errs until then, and our estimate, which errs by itself, begins with that error. With --true, and where
-motors fail, ours senses its true motion.
+the attitude errs until then, and our estimate, which errs by itself, begins with that error; without GPS,
+with the one that the drift of its gyros causes. With --true, and where motors fail, ours senses its true motion.
 
 Prints one row for each figure, with a verdict: "ok" are times and distances within 5 % (or 0.1 s, 0.1 m), and a
 distance of the paths within 0.05 m rms on the external body, 0.1 m on ArduCopter's. "repeats" are those that are not,
@@ -120,6 +120,12 @@ class Misled(Copter):
 
     def _take_tilt(self) -> None:
         """Makes the error of the attitude one of our own estimate, which has begun to err."""
+        if self.m["gyro_drift"] == 0.0:  # else it has that already
+            self._give_tilt()
+        self._rows[:, 6:8] = 0.0
+        self._fails = False
+
+    def _give_tilt(self) -> None:
         roll, pitch, _ = self._rows[-1, 6:]
         w, x, y, z = (float(part) for part in self.m["attitude"])
         yaw = euler_from_quaternion((w, x, y, z))[2]
@@ -127,8 +133,6 @@ class Misled(Copter):
         for table, width in (("lane_now", 8), ("lane_past", 8), ("lane_line", 16)):  # in the compass, it is known
             self.m[table][:, 6::width], self.m[table][:, 7::width] = -about[1], about[0]
         self.m["lane_dip"][:] = -about[1], about[0]
-        self._rows[:, 6:8] = 0.0
-        self._fails = False
 
     def _loop(self) -> Loop | None:
         loop = None if self._fails else self._of_pairs()

@@ -143,6 +143,7 @@ def test_a_great_error_is_told_and_the_estimate_is_reset() -> None:
 
 def test_without_gps_nothing_corrects_the_estimate() -> None:
     copter = hovering()
+    put(copter, SIM_DRIFT_SPEED=0.0)
     put(copter, SIM_GPS1_ENABLE=0, SIM_ACC1_BIAS_X=0.2)
     copter.run(5.0)
     assert float(copter.m["lane_now"][0, 3]) == pytest.approx(0.2 * 5.0, abs=0.05)

@@ -35,7 +35,8 @@ def told(copter: Copter) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("name", "when", "axis"), [("x_lane_down", 1.252, 2), ("x_lane_forward", 0.850, 0), ("x_lane_gyro", 1.667, 1)]
+    ("name", "when", "axis"),
+    [("x_lane_down", 1.252, 2), ("x_lane_forward", 0.850, 0), ("x_lane_gyro", 1.667, 1), ("x_gyro_slow", 4.05, 1)],
 )
 def test_it_changes_the_lane_as_the_real_one_did(name: str, when: float, axis: int) -> None:
     """`when` is from the texts in ArduCopter's log. Farthest away within a twentieth, and back at the end."""

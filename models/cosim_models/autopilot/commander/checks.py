@@ -58,6 +58,8 @@ _FULL, _LITTLE = 0.9, 0.25  # throttle
 def _fail_estimate(m: Any, t: float) -> None:
     """Acts on a lost position by FS_EKF_ACTION; LAND, and modes that need none, go on without a position."""
     m.ekf_failed = True
+    if m.mode == LAND and m.FS_EKF_ACTION != _REPORT:
+        m.land_blind = True
     idle = not needs_position(m.mode) and m.FS_EKF_ACTION != _ALWAYS
     if idle or m.mode == LAND or m.FS_EKF_ACTION == _REPORT:
         say(m, CRITICAL, EKF_FAILSAFE, NO_NUMBER)
@@ -174,7 +176,9 @@ def _watch_yaw(m: Any, t: float) -> None:
 @kernel
 def _watch_vibration(m: Any, t: float) -> None:
     """Controls the height without the accelerometer while its errors spoil the estimate: for a second, 15 s longer."""
-    spoiled = m.smooth_velocity_ratio > 1.0 and m.lane_past[m.lane, 5] > 0.0 and m.lane_past[m.lane, 2] > 0.0
+    x, told = m.lane_past[m.lane], m.told_speed
+    spoiled = m.smooth_velocity_ratio > 1.0 and x[5] > told[2] and x[2] > m.told_error[2]
+    spoiled = spoiled or (m.estimate_errs and m.lane_bad[m.lane])
     bad = spoiled and m.FS_VIBE_ENABLE == 1 and m.armed and m.mode != STABILIZE and m.mode != ACRO
     if m.vibration_failsafe:
         if bad:

@@ -4,7 +4,7 @@ The motion that the autopilot senses stands for the estimate of ArduPilot's EKF3
 fails, the estimate has an error, which is added to that motion:
 
 - GPS, barometer, and inertial sensors: `estimate.filter`. Without GPS, the position is lost after 7 s.
-- Jammed GPS: it has no fix for 1 to 6 s, then its positions and velocities are nonsense and rejected.
+- Jammed GPS: `estimate.jamming`, heard by that filter.
 - Vibration is added to the acceleration, behind the filter of the accelerometer.
 - Compass: offsets other than the calibrated ones turn the heading of the estimate, slowly.
 
@@ -21,36 +21,52 @@ from typing import Any
 
 from cosim.frames import deg_e7, geodetic_from_local, multiply, rotate, rotate_inverse, wrap_pi
 from cosim.kernel import kernel
-from cosim.random_numbers import threefry
 from cosim_models.autopilot.commander.estimate.filter import (
     LANES,
     begin_filters,
+    err_by_drift,
     force_error,
     ratio,
     reset_side,
     run_filters,
+    stop_aiding,
 )
-from cosim_models.autopilot.commander.estimate.inertial import errs, gyro_error, has_two, imu_of, shake_gyro
+from cosim_models.autopilot.commander.estimate.inertial import (
+    drift,
+    drift_rate,
+    errs,
+    gyro_error,
+    has_two,
+    imu_of,
+    shake_gyro,
+)
 from cosim_models.autopilot.commander.estimate.lanes import change_lane, flies_by_other, must_return, wants_other
 from cosim_models.autopilot.commander.wind import watch_wind, wind_is_on
 from cosim_models.autopilot.control.motors import GROUND_IDLE
-from cosim_models.autopilot.link.statustext import CRITICAL, GLITCH, GLITCH_CLEARED, INFO, NO_NUMBER, USING_GPS, say
+from cosim_models.autopilot.link.statustext import (
+    CRITICAL,
+    GLITCH,
+    GLITCH_CLEARED,
+    INFO,
+    NO_NUMBER,
+    STOPPED_AIDING,
+    USING_GPS,
+    WARNING,
+    say,
+)
 
 __all__ = ["add_errors", "fail_motors", "told_by_gps", "watch_sensors"]
 
 _PER_DEGREE = 111318.84502145034  # m of latitude, ArduPilot's LATLON_TO_M
-_LOST = 7.0  # s without GPS
+_LOST, _UNAIDED = 7.0, 15.0  # s without GPS: the position is lost, and nothing holds the tilt
 _GLITCH_BEGINS, _GLITCH_ENDS = 1.0, 10.0  # s of rejection, and without it
 _GAIN_YAW = 0.2  # 1/s
 _FIELD = (230.0, 51.0, -528.0)  # mGauss, magnetic field at ArduPilot's field near Canberra, NED
 _CALIBRATED = (5.0, 13.0, -18.0)  # mGauss, offsets of the simulated compass
 _NEVER = -1.0
-_NONSENSE = 10.0  # innovation over its gate
+_FRESH = 0.21  # s, age of a fix with a new one every 0.2 s
 _SAME = 1e-3  # m, m/s, rad
 _SAME_RATE = 1e-5  # rad/s
-_SILENT, _SILENT_AT_MOST = 1.0, 5.0  # s after the begin of jamming, and more by chance
-_FIXES, _EARLY = 5.0, 1e-6  # of GPS a second
-_JAMMING, _WORDS = 0x4A414D47, 4294967296.0  # key of the random numbers, and how many there are
 _PERIOD = 0.1  # s, of `watch_sensors`
 _LEARNING_YAW = 0.01  # 1/s2, of the error of the heading
 
@@ -117,55 +133,61 @@ def _is_on(m: Any) -> bool:
 
 @kernel
 def _watch_glitch(m: Any, t: float) -> None:
+    """Tells of fixes that are rejected, or that claim to err, and of their end."""
     if m.velocity_ratio < 1.0 and m.position_ratio < 1.0:
         m.gps_rejected_at = _NEVER
     elif m.gps_rejected_at == _NEVER:
         m.gps_rejected_at = t
     if m.gps_rejected_at != _NEVER and t - m.gps_rejected_at >= _GLITCH_BEGINS:
         m.glitch_seen_at = t
-        if not m.glitching:
-            m.glitching = True
-            say(m, CRITICAL, GLITCH, NO_NUMBER)
-    elif m.glitching and m.gps_rejected_at == _NEVER and t - m.glitch_seen_at >= _GLITCH_ENDS:
-        m.glitching = False
-        say(m, CRITICAL, GLITCH_CLEARED, NO_NUMBER)
+        m.gps_rejected = True
+    elif m.gps_rejected_at == _NEVER and t - m.glitch_seen_at >= _GLITCH_ENDS:
+        m.gps_rejected = False
+    glitching = m.gps_rejected or (m.estimate_errs and m.gps_doubtful)
+    if glitching != m.glitching:
+        m.glitching = glitching
+        say(m, CRITICAL, GLITCH if glitching else GLITCH_CLEARED, NO_NUMBER)
 
 
 @kernel
-def _watch_jamming(m: Any, t: float) -> None:
-    """Looks whether a jammed GPS has a fix again: none in the first second, surely from the sixth on, and by chance."""
-    if not m.gps_jammed:
-        m.jammed_at = _NEVER
-        return
-    if m.jammed_at == _NEVER:
-        m.jammed_at = t
-        m.jamming_heard = False
-    since = t - m.jammed_at
-    if not m.jamming_heard and since >= _SILENT:
-        drawn, _ = threefry(_JAMMING, m.SYSID_THISMAV, int(_FIXES * t + _EARLY), 0)
-        m.jamming_heard = since >= _SILENT + _SILENT_AT_MOST * drawn / _WORDS
+def _tell_lanes(m: Any, severity: int, text: int) -> None:
+    """Says a text with the number of the inertial sensor, for each lane."""
+    for lane in range(LANES if has_two(m) else 1):
+        say(m, severity, text, imu_of(m, lane))
 
 
 @kernel
 def _watch_gps(m: Any, t: float) -> None:
     """Looks whether GPS is lost, and what it and the barometer tell."""
-    m.told_error[0] = m.SIM_GPS1_GLTCH_X * _PER_DEGREE
-    m.told_error[1] = m.SIM_GPS1_GLTCH_Y * _PER_DEGREE * math.cos(m.origin_latitude)
     m.told_error[2] = -m.SIM_BARO_DRIFT * t - m.SIM_BARO_GLITCH
-    m.gps_heard = m.SIM_GPS1_ENABLE != 0 and not m.gps_jammed
-    _watch_jamming(m, t)
+    if not m.gps_jammed or m.jammed_at == _NEVER:
+        m.told_error[0] = m.SIM_GPS1_GLTCH_X * _PER_DEGREE
+        m.told_error[1] = m.SIM_GPS1_GLTCH_Y * _PER_DEGREE * math.cos(m.origin_latitude)
+    if not m.gps_jammed or m.SIM_GPS1_ENABLE == 0:
+        m.gps_heard = m.SIM_GPS1_ENABLE != 0
     if m.SIM_GPS1_ENABLE == 0:
         if m.gps_lost_at == _NEVER:
             m.gps_lost_at = t
+            err_by_drift(m, drift_rate(m, t))
+        drift(m, m.gps_lost_at, t)
         if t - m.gps_lost_at >= _LOST:
             m.position_lost = True
+        if t - m.gps_lost_at >= _UNAIDED and not m.unaided:
+            m.unaided = True
+            for lane in range(LANES):
+                stop_aiding(m, lane)
+            _tell_lanes(m, WARNING, STOPPED_AIDING)
         return
     m.gps_lost_at = _NEVER
+    if m.gps_jammed and m.jammed_at != _NEVER:
+        drift(m, m.jammed_at, t)
     if m.position_lost:
         m.position_lost = False
         for lane in range(LANES):
             reset_side(m, lane, t)
-        say(m, INFO, USING_GPS, NO_NUMBER)
+        if m.unaided:
+            m.unaided = False
+            _tell_lanes(m, INFO, USING_GPS)
 
 
 @kernel
@@ -175,8 +197,6 @@ def _watch_ratios(m: Any) -> None:
     m.height_ratio = ratio(m, m.lane, 2)
     if m.SIM_GPS1_ENABLE == 0:
         m.velocity_ratio = m.position_ratio = 0.0
-    elif m.gps_jammed and m.jamming_heard:
-        m.velocity_ratio = m.position_ratio = _NONSENSE
 
 
 @kernel
@@ -204,7 +224,7 @@ def _turn(m: Any) -> None:
 @kernel
 def _reset_near_failsafe(m: Any, t: float) -> None:
     """Sets the filter of the lane that flies to GPS where the fail-safe of the estimate is near."""
-    if m.reset_asked and m.gps_heard and m.velocity_ratio >= 1.0:
+    if m.reset_asked and m.gps_heard and not m.gps_jammed and m.velocity_ratio >= 1.0:
         x = m.lane_past[m.lane]
         if x[3] * x[3] + x[4] * x[4] > x[5] * x[5]:
             reset_side(m, m.lane, t)
@@ -227,11 +247,12 @@ def watch_sensors(m: Any, t: float) -> None:
         m.position_ratio = m.velocity_ratio = m.height_ratio = 0.0
         return
     if not was:
-        m.gps_lost_at = m.gps_rejected_at = m.jammed_at = _NEVER
+        m.gps_lost_at = m.gps_rejected_at = _NEVER
         m.yaw_error = m.vibration_phase = m.smooth_position_ratio = m.smooth_velocity_ratio = 0.0
         for i in range(3):
             m.estimate_error[i] = m.gyro_delays[i, 0] = m.gyro_delays[i, 1] = 0.0
     _watch_compass(m)
+    m.gyro_drift = 0.0
     if m.estimate_errs:
         _watch_gps(m, t)
         _turn(m)
@@ -239,7 +260,8 @@ def watch_sensors(m: Any, t: float) -> None:
         _watch_ratios(m)
     else:
         m.position_ratio = m.velocity_ratio = m.height_ratio = 0.0
-    _watch_glitch(m, t)
+    if not m.gps_jammed or t - m.gps_taken_at < _FRESH:
+        _watch_glitch(m, t)
 
 
 @kernel
@@ -308,6 +330,11 @@ def told_by_gps(m: Any) -> tuple[int, int, float]:
     """Returns latitude and longitude [degE7] and altitude [m] as GPS tells them: the true place, and its errors."""
     e = m.estimate_error
     n, east, d = m.position_neu[0] - e[0], m.position_neu[1] - e[1], e[2] - m.position_neu[2]
+    if m.gps_jammed and m.jammed_at != _NEVER:
+        lat, lon, alt = geodetic_from_local(
+            m.jam_place[0], m.jam_place[1], d, m.origin_latitude, m.origin_longitude, m.origin_altitude
+        )
+        return deg_e7(lat), deg_e7(lon), alt + m.SIM_GPS1_GLTCH_Z
     lat, lon, alt = geodetic_from_local(n, east, d, m.origin_latitude, m.origin_longitude, m.origin_altitude)
     lat, lon = lat + math.radians(m.SIM_GPS1_GLTCH_X), lon + math.radians(m.SIM_GPS1_GLTCH_Y)
     return deg_e7(lat), deg_e7(lon), alt + m.SIM_GPS1_GLTCH_Z

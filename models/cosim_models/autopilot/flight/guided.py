@@ -59,6 +59,7 @@ from cosim_models.autopilot.record.modes import (
     DESCEND,
     FINAL,
     GUIDED,
+    LAND,
     POSITION,
     POSITION_VELOCITY,
     TAKEOFF,
@@ -390,10 +391,22 @@ def _reposition(m: Any) -> tuple[float, float]:
 
 
 @kernel
+def _tilt(m: Any) -> tuple[float, float]:
+    """Returns the north and east acceleration [m/s2] of the lean that the pilot's roll and pitch sticks ask for."""
+    if not m.rc_known or m.LAND_REPOSITION == 0:
+        return 0.0, 0.0
+    most = math.radians(0.01 * m.ANGLE_MAX)
+    forward, right = GRAVITY * math.tan(most * m.pilot_stick[0]), GRAVITY * math.tan(most * m.pilot_stick[1])
+    heading = yaw_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
+    c, s = math.cos(heading), math.sin(heading)
+    return forward * c - right * s, forward * s + right * c
+
+
+@kernel
 def _descend(m: Any, dt: float) -> None:
     """Descends at the speed limit to LAND_ALT_LOW, then at LAND_SPEED; the pilot may move the landing point.
 
-    Without a position, the vehicle levels and drifts.
+    Without a position, the vehicle is level and drifts, or leans as the pilot asks.
     """
     slow = 0.01 * m.LAND_SPEED
     fast = 0.01 * m.LAND_SPEED_HIGH if m.LAND_SPEED_HIGH > 0.0 else m.speed_down
@@ -407,7 +420,10 @@ def _descend(m: Any, dt: float) -> None:
         seek_velocity_up(m, clip(rate, min(-fast, -slow), -slow), 0.0, True, dt)
     if m.touched:
         soften_for_landing(m, dt)
-    if m.position_lost or m.ekf_failed:
+    if m.mode == LAND and m.land_blind:
+        relax_ne(m, dt)
+        m.target_acceleration_neu[0], m.target_acceleration_neu[1] = _tilt(m)
+    elif m.mode != LAND and (m.position_lost or m.ekf_failed):
         relax_ne(m, dt)
     else:
         vn, ve = _reposition(m)

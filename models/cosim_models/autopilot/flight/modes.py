@@ -143,6 +143,7 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
     elif mode == CIRCLE:
         start_circle(m)
     elif mode == LAND:
+        m.land_blind = not position_ready(m, t)
         start_land(m)
     elif mode == RTL:
         start_rtl(m)

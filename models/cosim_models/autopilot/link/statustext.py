@@ -198,6 +198,7 @@ __all__ = [
     "TRY_RTL",
     "TURTLE_REFUSED",
     "USE_REQUEST_INT",
+    "STOPPED_AIDING",
     "USING_GPS",
     "WAITING_FOR_HOME",
     "VIBRATION_OFF",
@@ -449,7 +450,8 @@ PRIMARY_CHANGED = _text(b"EKF primary changed:%")
 YAW_IMBALANCE = _text(b"Yaw Imbalance %|")
 TRY_LAND = _text(b"Trying Land Mode")
 TRY_RTL = _text(b"Trying RTL Mode")
-USING_GPS = _text(b"EKF3 IMU0 is using GPS")
+USING_GPS = _text(b"EKF3 IMU% is using GPS")
+STOPPED_AIDING = _text(b"EKF3 IMU% stopped aiding")
 MISSION_CHANGED = _text(b"Auto mission changed, restarted command")
 USE_REQUEST_INT = _text(b"got MISSION_REQUEST; use MISSION_REQUEST_INT!")
 PLAN_REJECTED = _text(b"Flight plan update rejected")

@@ -296,15 +296,23 @@ def _place(m: Any) -> tuple[int, int, float]:
     return deg_e7(lat), deg_e7(lon), alt
 
 
+_NO_FIX, _RTK_FIXED, _SATELLITES = 1, 6, 10
+
+
 @kernel
 def _send_gps_raw(m: Any, t: float) -> bool:
     if not reached(m, t, GPS_AT) or m.SIM_GPS1_ENABLE == 0:
         encode_gps_raw_int(m.payload, 0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0, 0, 0, 0, 0, 0, 0)
         return send(m, GPS_RAW_INT)
     lat, lon, alt = _place(m)
+    fix, satellites = _RTK_FIXED, _SATELLITES
+    vn, ve = m.velocity_neu[0], m.velocity_neu[1]
     if m.sim_on:
         lat, lon, alt = told_by_gps(m)
-    vn, ve = m.velocity_neu[0], m.velocity_neu[1]
+        vn, ve = m.velocity[0] + m.told_speed[0], m.velocity[1] + m.told_speed[1]
+        if m.gps_jammed:
+            satellites = int(m.gps_satellites)
+            fix = _RTK_FIXED if m.gps_heard else _NO_FIX
     course = math.degrees(math.atan2(ve, vn)) % 360.0
     speed = math.sqrt(vn * vn + ve * ve)
     micros = microseconds(t)
@@ -312,7 +320,7 @@ def _send_gps_raw(m: Any, t: float) -> bool:
     encode_gps_raw_int(
         m.payload,
         micros,
-        6,
+        fix,
         lat,
         lon,
         height,
@@ -320,7 +328,7 @@ def _send_gps_raw(m: Any, t: float) -> bool:
         200,
         int(speed * 100.0),
         int(course * 100.0) % 36000,
-        10,
+        satellites,
         height,
         300,
         300,

@@ -397,6 +397,8 @@ SENSOR_PARAMETERS = _rare(
     _whole("INS_USE", 1, "0: the first inertial sensor is not used", 0, 1),
     _whole("INS_USE2", 1, "0: the second inertial sensor is not used", 0, 1),
     _real("SIM_GYR1_RND", "deg/s", 0.0, "gyro: greatest noise at full throttle", 0.0),
+    _signed("SIM_DRIFT_SPEED", "1", 0.05, "gyros: drift without GPS in deg/s a minute", 60.0),
+    _real("SIM_DRIFT_TIME", "min", 5.0, "gyros: time after which the drift turns round; 0: none", 0.0),
     _real("SIM_WIND_SPD", "m/s", 0.0, "wind: speed at the height SIM_WIND_T_ALT", 0.0),
     _signed("SIM_WIND_DIR", "deg", 180.0, "wind: direction from which it blows", 360.0),
     _signed("SIM_WIND_DIR_Z", "deg", 0.0, "wind: angle by which it rises", 90.0),

@@ -326,11 +326,20 @@ MEMORY = (
     Memory("fence_new", dtype="i4", rare=True),  # breaches that the next look at the fences acts on
     Memory("fence_recovery", rare=True),  # time until which breaches are not looked at; 0: they are
     Memory("land_pause"),  # s until LAND descends
+    Memory("land_blind", dtype="?"),  # LAND without a position
     # failing sensors
     Memory("sim_on", dtype="?"),
     Memory("gps_jammed", dtype="?", rare=True),
     Memory("jammed_at", rare=True),  # -1: never
-    Memory("jamming_heard", dtype="?", rare=True),  # the jammed receiver has a fix
+    Memory("jam_changed", shape=5, rare=True),  # when what it tells changed (see `jamming`)
+    Memory("jam_place", shape=2, rare=True),  # that it tells, north and east
+    Memory("gps_claim", shape=2, rare=True),  # errors of velocity and place that GPS claims
+    Memory("gps_doubt", shape=2, rare=True),  # that of the velocity smoothed, and its peak
+    Memory("gps_doubtful", dtype="?", rare=True),
+    Memory("gps_noise", rare=True),  # factor of these, by the number of satellites
+    Memory("gps_satellites", dtype="i4", rare=True),
+    Memory("gps_taken_at", rare=True),  # time of the last fix
+    Memory("gps_good_at", rare=True),  # time of the last one that claimed to be good
     Memory("estimate_errs", dtype="?", rare=True),  # the filters of the estimate run
     Memory("gyro_delays", shape=(3, 2), rare=True),  # of the low-pass of its noise
     Memory("lane", dtype="i4", rare=True),  # that flies, from 0
@@ -344,10 +353,12 @@ MEMORY = (
     Memory("lane_up", shape=(2, 9), rare=True),  # covariances
     Memory("lane_side", shape=(2, 25), rare=True),
     Memory("lane_line", shape=(2, 144), rare=True),  # delay lines
+    Memory("lane_held", shape=(2, 2), rare=True),  # place that is held without GPS, north and east
     Memory("lane_rate", shape=(2, 3), rare=True),  # errors of the height's derivative: see `filter`
     Memory("lane_dip", shape=(2, 2), rare=True),  # tilt that the filter takes for one of the magnetic field
     Memory("lane_sums", shape=(2, 6), rare=True),
     Memory("lane_smooth", shape=(2, 3), rare=True),  # acceleration, m/s2
+    Memory("lane_turned", shape=(2, 3), rare=True),  # covariances of velocity north, east, and heading with the heading
     Memory("lane_ratio", shape=(2, 3), rare=True),  # squared innovations over their gates: velocity, place, height
     Memory("lane_time", shape=(2, 5), rare=True),  # when measurements passed, and of the accelerometer's checks
     Memory("lane_bad", shape=2, dtype="u1", rare=True),  # the accelerometer is
@@ -356,8 +367,10 @@ MEMORY = (
     Memory("frame_count", dtype="i4", rare=True),
     Memory("frame_left", rare=True),  # s since the last period of the filters
     Memory("told_error", shape=3, rare=True),  # of GPS and barometer, north, east, down
+    Memory("told_speed", shape=3, rare=True),  # error of the velocity of GPS
     Memory("gps_heard", dtype="?", rare=True),
     Memory("gyro_draws", dtype="i4", rare=True),
+    Memory("gyro_drift", rare=True),  # rad/s, that has not been learned
     Memory("wind_speed", rare=True),  # that SIM_WIND_* ask for, after SIM_WIND_TC, m/s
     Memory("wind_from", rare=True),  # deg
     Memory("wind_rise", rare=True),  # deg
@@ -369,7 +382,9 @@ MEMORY = (
     Memory("yaw_error", rare=True),
     Memory("yaw_error_rate", rare=True),
     Memory("gps_lost_at", rare=True),  # -1: never
+    Memory("unaided", dtype="?", rare=True),  # nothing holds the tilt of the estimate
     Memory("gps_rejected_at", rare=True),
+    Memory("gps_rejected", dtype="?", rare=True),
     State("glitching", type=bool, description="whether GPS is rejected"),
     Memory("glitch_seen_at", rare=True),
     Memory("position_ratio", rare=True),  # innovation over its gate

@@ -3,7 +3,8 @@
 It is the error model of an inertial navigation with the gains of a Kalman filter, whose noises, gates and time-outs are
 EKF3's default parameters. Each lane has, in north, east and down, errors of place and velocity, the tilt towards north
 and east, and what it has learned of the errors of its gyro and accelerometer. The covariance of the vertical errors is
-apart from that of the horizontal ones, which north and east share: in hover they do not depend on each other.
+apart from that of the horizontal ones, which north and east share: in hover they do not depend on each other. An unsure
+heading makes velocities unsure where the estimate accelerates, which the gates take into account, and the gains do not.
 
 As in EKF3, the filter works 0.1 s in the past, where GPS tells of the present. The vehicle flies by outputs that follow
 the inertial sensor at once, and the filter with a lag of a quarter of a second, so that an error acts before the filter
@@ -30,9 +31,21 @@ import numpy as np
 
 from cosim.frames import rotate, rotate_inverse
 from cosim.kernel import kernel
-from cosim_models.autopilot.commander.estimate.inertial import GRAVITY, accelerometer_error, gyro_error, imu_of
+from cosim_models.autopilot.commander.estimate.inertial import GRAVITY, accelerometer_error, gyro_error, has_two, imu_of
+from cosim_models.autopilot.commander.estimate.jamming import ACCURATE, PRECISE, begin_gps, take_fix
 
-__all__ = ["DELAY", "FRAME", "LANES", "begin_filters", "force_error", "ratio", "reset_side", "run_filters"]
+__all__ = [
+    "DELAY",
+    "FRAME",
+    "LANES",
+    "begin_filters",
+    "err_by_drift",
+    "force_error",
+    "ratio",
+    "reset_side",
+    "run_filters",
+    "stop_aiding",
+]
 
 FRAME = 0.0125
 """Period of the filter [s]."""
@@ -41,17 +54,20 @@ DELAY = 9
 LANES = 2
 
 _GPS, _BAROMETER, _BETWEEN = 16, 8, 4  # periods between measurements; the compass is heard as often as the barometer
+_FIX = 1  # period of a fix, of those between two
 _GYRO, _ACCELEROMETER = 0.015, 0.35  # rad/s, m/s2: EK3_GYRO_P_NSE, EK3_ACC_P_NSE
 _GYRO_BIAS, _ACCELEROMETER_BIAS = 1e-3, 0.02  # EK3_GBIAS_P_NSE, EK3_ABIAS_P_NSE
 _BAD_ACCELEROMETER = 5.0  # m/s2
-_SPEED, _CLIMB, _PLACE = 0.3**2, 0.5**2, 0.5**2  # variances of GPS: EK3_VELNE_M_NSE, EK3_VELD_M_NSE, EK3_POSNE_M_NSE
+_SPEED, _CLIMB = ACCURATE**2, 0.5**2  # least variances of the velocity of GPS: EK3_VELNE_M_NSE, EK3_VELD_M_NSE
 _HEIGHT, _GROUND_EFFECT = 2.0**2, 4.0  # of the barometer (EK3_ALT_M_NSE); factor while it is about to touch down
 _AGE = 0.015  # s, of fixes of GPS beyond that by which the filter works in the past; fitted to recorded flights
 _MANOEUVRE = 0.05  # standard deviation of the velocity for the acceleration of the estimate, s
 _DIP = (0.05 / 0.528) ** 2  # rad2: EK3_MAG_M_NSE over the field that points up at the simulator, Gauss
 _COMPASS_GATE = 9.0  # squared, in standard deviations: EK3_MAG_I_GATE
 _GATE = 25.0  # squared, in standard deviations: EK3_VEL_I_GATE, EK3_POS_I_GATE, EK3_HGT_I_GATE
-_RETRY, _HELD, _RESET = 10.0, 10.0, 1.0  # s: of rejection, and for which the accelerometer is bad, and of that
+_RETRY, _RETRY_BOTH = 10.0, 7.0  # s of rejection: of the place while velocities are taken, of both
+_HELD, _RESET, _CHECKED = 10.0, 1.0, 5.0  # s: for which the accelerometer is bad, of that, and for which GPS is good
+_HELD_PLACE = 10.0**2  # m2, variance of a place that is held: EK3_NOAID_M_NSE
 _UNSURE = 12.5**2  # m2, variance of a place that was reset: half of EK3_GLITCH_RAD
 _FOLLOW, _FOLLOW_TILT = FRAME / 0.25, 0.5 / DELAY  # shares of the errors by which outputs follow: EK3_TAU_OUTPUT
 _INTEGRAL, _BAD_INTEGRAL = 0.1, 0.07
@@ -59,6 +75,8 @@ _SMOOTH = 0.05  # share of a new acceleration
 _SLOW_DESCENT, _SLOW, _NONE = 1.0, 1.25, 1e-3  # m/s, at which a touch-down is near
 _RATE = 2.0 * math.pi * 2.0  # rad/s: EK3_HRT_FILT
 _EARLY = 1e-9
+_DRIFT_TILT, _DRIFT_SPEED = 74.6, 1121.0  # s2, m s: errors over the drift of the gyros that this filter learns in hover
+_HEADING = 4.0 * 0.0069  # rad2, variance of the heading after a minute in hover, in ArduCopter's log
 
 _WIDTH = 16  # of a place in the delay line: 8 outputs, 3 accelerations and 2 turns that the sensors make, 3 forces
 _PLACES = DELAY * _WIDTH
@@ -84,6 +102,7 @@ def begin_filters(m: Any, t: float) -> None:
     """Begins without errors."""
     m.frame_count = int(t / FRAME)
     m.frame_left = 0.0
+    begin_gps(m, t)
     for lane in range(LANES):
         m.lane_bad[lane] = False
         for i in range(8):
@@ -101,7 +120,25 @@ def begin_filters(m: Any, t: float) -> None:
         for i in range(5):
             m.lane_time[lane, i] = t
         m.lane_time[lane, BAD_AT] = -1e9
+        m.lane_turned[lane, 0] = m.lane_turned[lane, 1] = 0.0
+        m.lane_turned[lane, 2] = _HEADING
         m.lane_dip[lane, 0] = m.lane_dip[lane, 1] = 0.0
+
+
+@kernel
+def err_by_drift(m: Any, rate: float) -> None:
+    """Adds the errors that a drift of all gyros [rad/s2] has caused while GPS was heard: it is learned too late."""
+    q = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
+    n, e, _ = rotate(q, (rate, rate, rate))
+    for lane in range(LANES if has_two(m) else 1):
+        for x in (m.lane_now[lane], m.lane_past[lane]):
+            x[3] -= _DRIFT_SPEED * e
+            x[4] += _DRIFT_SPEED * n
+            x[6] -= _DRIFT_TILT * e
+            x[7] += _DRIFT_TILT * n
+        for k in range(0, _PLACES, _WIDTH):
+            for i in (3, 4, 6, 7):
+                m.lane_line[lane, k + i] = m.lane_now[lane, i]
 
 
 @kernel
@@ -231,6 +268,17 @@ def _correct_up(m: Any, lane: int, row: int, miss: float, variance: float) -> No
 
 
 @kernel
+def _correct_turned(m: Any, lane: int, variance: float) -> None:
+    """Reduces the covariance of velocity and heading by a measurement of the velocity."""
+    c = m.lane_turned[lane]
+    for i in range(2):
+        moved = m.lane_side[lane, 6] + c[i] * c[i] / c[2]
+        known = moved + variance
+        c[2] -= c[i] * c[i] / known
+        c[i] *= 1.0 - moved / known
+
+
+@kernel
 def _correct_side(m: Any, lane: int, row: int, n: float, e: float, variance: float) -> None:
     """Corrects the place (row 0) or the velocity (1) to north and east by measurements that they miss."""
     p, x = m.lane_side[lane], m.lane_past[lane]
@@ -275,8 +323,8 @@ def _reset_place(m: Any, lane: int, t: float) -> None:
 @kernel
 def _reset_velocity(m: Any, lane: int, t: float) -> None:
     for i in range(3, 5):
-        _jump(m, lane, i, 0.0)
-    _forget(m.lane_side[lane], 5, 1, _SPEED)
+        _jump(m, lane, i, m.told_speed[i - 3])
+    _forget(m.lane_side[lane], 5, 1, m.gps_claim[0] ** 2)
     m.lane_time[lane, VELOCITY_PASSED] = t
     m.lane_ratio[lane, 0] = 0.0
 
@@ -293,7 +341,7 @@ def _reset_height(m: Any, lane: int, variance: float, t: float) -> None:
     _jump(m, lane, 2, m.told_error[2])
     _forget(m.lane_up[lane], 3, 0, variance)
     if m.gps_heard:
-        _jump(m, lane, 5, 0.0)
+        _jump(m, lane, 5, m.told_speed[2])
     _forget(m.lane_up[lane], 3, 1, _CLIMB)
     m.lane_rate[lane, 0], m.lane_rate[lane, 1] = m.lane_now[lane, 2], m.lane_now[lane, 5]
     m.lane_time[lane, HEIGHT_PASSED] = t
@@ -318,15 +366,30 @@ def _height_variance(m: Any) -> float:
 def _check_accelerometer(m: Any, lane: int, height: float, t: float) -> None:
     """Looks whether height and climb rate err together, by 1 to 3 standard deviations, the longer it was good."""
     x, times = m.lane_past[lane], m.lane_time[lane]
-    miss, since = x[2] - m.told_error[2], t - times[BAD_AT]
+    miss, climb, since = x[2] - m.told_error[2], x[5] - m.told_speed[2], t - times[BAD_AT]
     most = 9.0 if since > 2.0 * _HELD else 4.0 if since > 1.5 * _HELD else 1.0
-    if miss * x[5] > 0.0 and miss * miss > most * height and x[5] * x[5] > most * _CLIMB:
+    if miss * climb > 0.0 and miss * miss > most * height and climb * climb > most * max(_CLIMB, m.gps_claim[0] ** 2):
         times[BAD_AT] = t
     else:
         times[GOOD_AT] = t
     m.lane_bad[lane] = since < _HELD
     if m.lane_bad[lane]:
-        x[5] = 0.0
+        x[5] = m.told_speed[2]
+
+
+@kernel
+def _lost_place(m: Any, lane: int, t: float) -> bool:
+    """Returns whether places have been rejected for too long."""
+    placed, moved = t - m.lane_time[lane, POSITION_PASSED], t - m.lane_time[lane, VELOCITY_PASSED]
+    return bool(placed > _RETRY or (placed > _RETRY_BOTH and moved > _RETRY_BOTH))
+
+
+@kernel
+def _may_reset(m: Any, lane: int, t: float) -> bool:
+    """Returns whether the place may be set to that of GPS: if that is good, or nothing else holds the velocity."""
+    times = m.lane_time[lane]
+    unaided = min(t - times[POSITION_PASSED], t - times[VELOCITY_PASSED]) > _RETRY_BOTH
+    return bool(unaided or t - m.gps_good_at <= _CHECKED)
 
 
 @kernel
@@ -334,30 +397,38 @@ def _hear_gps(m: Any, lane: int, place: Any, height: float, t: float) -> None:
     """Corrects by place and velocity of GPS, which is older than the filter takes it for."""
     _check_accelerometer(m, lane, height, t)
     x, side, times, ratios = m.lane_past[lane], m.lane_side[lane], m.lane_time[lane], m.lane_ratio[lane]
-    s = m.lane_smooth[lane]
+    s, told, claim = m.lane_smooth[lane], m.told_speed, m.gps_claim
     check = _SPEED + _MANOEUVRE**2 * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
     n = x[0] - m.told_error[0] + _AGE * m.velocity[0]
     e = x[1] - m.told_error[1] + _AGE * m.velocity[1]
-    vn, ve, vd = x[3] + _AGE * place[13], x[4] + _AGE * place[14], x[5] + _AGE * (place[15] + GRAVITY)
-    ratios[1] = (n * n + e * e) / (_GATE * 2.0 * (side[0] + _PLACE))
-    ratios[0] = (vn * vn + ve * ve + vd * vd) / (_GATE * (2.0 * (side[6] + check) + m.lane_up[lane, 4] + check))
+    vn, ve = x[3] - told[0] + _AGE * place[13], x[4] - told[1] + _AGE * place[14]
+    vd = x[5] - told[2] + _AGE * (place[15] + GRAVITY)
+    lost = _lost_place(m, lane, t)
+    ratios[1] = (n * n + e * e) / (_GATE * 2.0 * (side[0] + claim[1] ** 2))
+    c = m.lane_turned[lane]
+    turned = (c[0] * c[0] + c[1] * c[1]) / c[2]
+    gate = _GATE * (2.0 * (side[6] + check) + turned + m.lane_up[lane, 4] + check)
+    ratios[0] = (vn * vn + ve * ve + vd * vd) / gate
     placed, moves = ratios[1] < 1.0, ratios[0] < 1.0
     if placed:
         times[POSITION_PASSED] = t
-    if moves:
-        times[VELOCITY_PASSED] = t
-    if t - times[POSITION_PASSED] > _RETRY:
-        if t - times[VELOCITY_PASSED] > _RETRY:
+    if (lost or (placed and 2.0 * side[0] > 4.0 * _UNSURE)) and _may_reset(m, lane, t):
+        if lost and t - times[VELOCITY_PASSED] > _RETRY_BOTH:
             _reset_velocity(m, lane, t)
         _reset_place(m, lane, t)
         return
+    if moves:
+        times[VELOCITY_PASSED] = t
+    noise = m.gps_noise * m.gps_noise
     if moves or m.lane_bad[lane]:
         n, e = n - x[0], e - x[1]
-        _correct_side(m, lane, 1, vn, ve, _SPEED)
-        _correct_up(m, lane, 1, vd, _CLIMB)
+        speed = claim[0] ** 2
+        _correct_turned(m, lane, noise * speed)
+        _correct_side(m, lane, 1, vn, ve, noise * speed)
+        _correct_up(m, lane, 1, vd, noise * max(_CLIMB, speed))
         n, e = n + x[0], e + x[1]
-    if placed or m.lane_bad[lane]:
-        _correct_side(m, lane, 0, n, e, _PLACE)
+    if placed or lost or m.lane_bad[lane]:
+        _correct_side(m, lane, 0, n, e, noise * claim[1] ** 2)
 
 
 @kernel
@@ -432,6 +503,26 @@ def _hear_compass(m: Any, lane: int) -> None:
 
 
 @kernel
+def stop_aiding(m: Any, lane: int) -> None:
+    """Begins to hold the place that a lane has, without a velocity, where nothing else holds the tilt."""
+    for i in range(2):
+        m.lane_held[lane, i] = m.position[i] + m.lane_now[lane, i]
+        _jump(m, lane, i, float(m.lane_now[lane, i]))
+        _jump(m, lane, 3 + i, -float(m.velocity[i]))
+    _forget(m.lane_side[lane], 5, 0, PRECISE**2)
+    _forget(m.lane_side[lane], 5, 1, _SPEED)
+
+
+@kernel
+def _hold(m: Any, lane: int) -> None:
+    """Corrects by a place that is assumed not to change."""
+    x, age = m.lane_past[lane], DELAY * FRAME
+    n = x[0] + m.position[0] - age * m.velocity[0] - m.lane_held[lane, 0]
+    e = x[1] + m.position[1] - age * m.velocity[1] - m.lane_held[lane, 1]
+    _correct_side(m, lane, 0, n, e, _HELD_PLACE)
+
+
+@kernel
 def _run_filter(m: Any, lane: int, t: float) -> None:
     """Performs one period of a lane."""
     start = m.frame_count % DELAY * _WIDTH
@@ -448,13 +539,17 @@ def _run_filter(m: Any, lane: int, t: float) -> None:
     _spread(m.lane_up[lane], 3, accelerometer)
     _keep_unsure(m, lane)
     _spread(m.lane_side[lane], 5, accelerometer)
+    wrong, smooth, turned = _force(m, lane, x, place), m.lane_smooth[lane], m.lane_turned[lane]
     for i in range(3):
-        force = place[13 + i] + place[8 + i] + (GRAVITY if i == 2 else 0.0)
-        m.lane_smooth[lane, i] += _SMOOTH * (force - m.lane_smooth[lane, i])
+        smooth[i] += _SMOOTH * (place[13 + i] + wrong[i] + (GRAVITY if i == 2 else 0.0) - smooth[i])
+    turned[0] -= FRAME * (place[14] + wrong[1]) * turned[2]
+    turned[1] += FRAME * (place[13] + wrong[0]) * turned[2]
     height = _height_variance(m)
-    if m.gps_heard and m.frame_count % _GPS == 1:  # the filter has reached the time of the fix
+    if m.gps_heard and m.frame_count % _GPS == _FIX:  # the filter has reached the time of the fix
         _hear_gps(m, lane, place, height, t)
     if m.frame_count % _BAROMETER == 0:
+        if m.unaided:
+            _hold(m, lane)
         _hear_barometer(m, lane, height, t)
     if m.frame_count % _BAROMETER == _BETWEEN:
         _hear_compass(m, lane)
@@ -474,6 +569,8 @@ def run_filters(m: Any, lanes: int, dt: float) -> int:
         m.frame_left -= FRAME
         m.frame_count += 1
         ended += 1
+        if m.frame_count % _GPS == _FIX:
+            take_fix(m, m.frame_count * FRAME, m.frame_count // _GPS, DELAY * FRAME)
         for lane in range(lanes):
             _run_filter(m, lane, m.frame_count * FRAME)
     return ended

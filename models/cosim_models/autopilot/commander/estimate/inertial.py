@@ -1,8 +1,8 @@
-"""Errors of the inertial sensors, by SIM_ACC1_BIAS_*, SIM_ACC2_BIAS_*, SIM_GYR1_* and SIM_GYR2_*.
+"""Errors of the inertial sensors, by SIM_ACC1_BIAS_*, SIM_ACC2_BIAS_*, SIM_GYR1_*, SIM_GYR2_* and SIM_DRIFT_*.
 
 Kernels over the autopilot's record `m`. Sensors are counted from 0.
 
-Source: ArduPilot, AP_InertialSensor_SITL (noise of the gyro) and NavEKF3 (EK3_IMU_MASK).
+Source: ArduPilot, AP_InertialSensor_SITL (noise and drift of the gyro) and NavEKF3 (EK3_IMU_MASK).
 """
 
 from __future__ import annotations
@@ -14,13 +14,24 @@ from cosim.kernel import kernel
 from cosim.random_numbers import threefry
 from cosim_models.autopilot.control.low_pass import low_pass
 
-__all__ = ["GRAVITY", "accelerometer_error", "errs", "gyro_error", "has_two", "imu_of", "shake_gyro"]
+__all__ = [
+    "GRAVITY",
+    "accelerometer_error",
+    "drift",
+    "drift_rate",
+    "errs",
+    "gyro_error",
+    "has_two",
+    "imu_of",
+    "shake_gyro",
+]
 
 GRAVITY = 9.80665  # m/s2
 _FRAMES = 1200.0  # Hz of ArduPilot's simulator, in each of which it draws a number
 _KEY = 0x4759524F  # of the random numbers
 _UNIT = 2.0 / 4294967296.0
 _BOTH, _FIRST = 3, 1  # EK3_IMU_MASK
+_LAG = 19.4  # s, by which what the filter of `filter` has learned of a drift is late in hover, after two minutes
 
 
 @kernel
@@ -51,9 +62,25 @@ def accelerometer_error(m: Any, imu: int) -> tuple[float, float, float]:
 @kernel
 def gyro_error(m: Any, imu: int) -> tuple[float, float, float]:
     """Returns the error of a gyro, from 0 [rad/s, FRD]."""
+    d = float(m.gyro_drift)
     if imu == 0:
-        return float(m.SIM_GYR1_BIAS_X), float(m.SIM_GYR1_BIAS_Y), float(m.SIM_GYR1_BIAS_Z)
-    return float(m.SIM_GYR2_BIAS_X), float(m.SIM_GYR2_BIAS_Y), float(m.SIM_GYR2_BIAS_Z)
+        return m.SIM_GYR1_BIAS_X + d, m.SIM_GYR1_BIAS_Y + d, m.SIM_GYR1_BIAS_Z + d
+    return m.SIM_GYR2_BIAS_X + d, m.SIM_GYR2_BIAS_Y + d, m.SIM_GYR2_BIAS_Z + d
+
+
+@kernel
+def drift(m: Any, since: float, t: float) -> None:
+    """Lets the gyros drift from a time on [s], on all axes alike: what the estimate does not learn, without GPS."""
+    m.gyro_drift = drift_rate(m, t) * (t - since + _LAG)
+
+
+@kernel
+def drift_rate(m: Any, t: float) -> float:
+    """Returns the rate at which the gyros drift [rad/s2]."""
+    if m.SIM_DRIFT_TIME <= 0.0:
+        return 0.0
+    way = 1.0 if t % (120.0 * m.SIM_DRIFT_TIME) < 60.0 * m.SIM_DRIFT_TIME else -1.0
+    return float(way * math.radians(m.SIM_DRIFT_SPEED) / 60.0)
 
 
 @kernel

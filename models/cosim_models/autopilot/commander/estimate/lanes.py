@@ -58,12 +58,13 @@ def _score(m: Any, lane: int) -> float:
 @kernel
 def wants_other(m: Any, t: float) -> bool:
     """Returns whether the other lane must fly."""
+    asked = bool(m.lane_asked)
+    m.lane_asked = False
     if not has_two(m) or not m.armed or (m.EK3_OPTIONS & _BY_HAND) != 0 or not m.gps_heard:
         return False
     now, then = _score(m, m.lane), _score(m, 1 - m.lane)
     last = max(m.lane_since[0], m.lane_since[1])
-    asked = m.lane_asked and then < min(now, _GOOD) and (last == 0.0 or t - last >= _AGAIN)
-    m.lane_asked = False
+    asked = asked and then < min(now, _GOOD) and (last == 0.0 or t - last >= _AGAIN)
     better = now - then > max(m.EK3_ERR_THRESH, _LEAST) or (now > 1.0 and then < now)
     return bool(asked or (better and t - m.lane_since[1 - m.lane] > _KEPT))
 
