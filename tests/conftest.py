@@ -64,7 +64,7 @@ LONGEST = (
     "master/view/test_live_page.py",
     "models/agents/test_agents_page.py",
     "scenarios/test_isolated_fmus_give_the_same_bits.py",
-    "models/agents/test_coverage.py",
+    "cosim/build/test_build.py",
     "test_site.py",
     "test_contributing.py",
     "master/view/test_ros2.py",
