@@ -212,7 +212,7 @@ GROUP = np.dtype(
         ("failures", "i8"),
     ]
 )
-"""Instances that steps several base steps on its own, as nothing from other groups can arrive before: see `windows`."""
+"""Instances that make several base steps on their own, as nothing from other groups arrives before: see `windows`."""
 INBOX = np.dtype(
     [
         ("heard", "i8"),  # ENDPOINT.heard, while its group is ahead of the others

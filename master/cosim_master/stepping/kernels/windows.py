@@ -29,12 +29,12 @@ from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, encode_base
 from cosim_master.network.radio.queues import arrived, take_delivered
 from cosim_master.network.radio.router import goes_on_board, next_packet
 from cosim_master.network.radio.tables import SWARM, Radio
-from cosim_master.stepping.kernels.exchange import exchange, point_in_time
+from cosim_master.stepping.kernels.exchange import feed, point_in_time
 from cosim_master.stepping.kernels.fmi_calls import load_i8, store_i8
 from cosim_master.stepping.kernels.instances import blame_some, step_free
 from cosim_master.stepping.kernels.tables import EVERY, FAULTS, FROM, LAST, ROWS, UNTIL, WINDOW, Plan
 
-__all__ = ["account", "failed_at", "forget", "note_positions", "put_back", "row_is_due", "step_group", "window"]
+__all__ = ["account", "failed_at", "note_positions", "put_back", "step_group", "window"]
 
 _malloc: Any = types.ExternalFunction("malloc", types.uintp(types.uintp))
 _free: Any = types.ExternalFunction("free", types.void(types.uintp))
@@ -78,7 +78,7 @@ def _pop(record: Any) -> Any:
 
 
 @kernel
-def row_is_due(p: Plan, k: int) -> bool:
+def _row_is_due(p: Plan, k: int) -> bool:
     """Returns whether a row is recorded at base step k, where all base steps are communication points."""
     return bool(k % p.counters[EVERY] == 0 or k == p.counters[LAST])
 
@@ -90,7 +90,7 @@ def window(p: Plan, k: int, k_stop: int) -> int:
     end = min(k + counters[WINDOW], k_stop)
     room = p.ticks.size - counters[ROWS]
     for j in range(k + 1, end + 1):
-        if row_is_due(p, j):
+        if _row_is_due(p, j):
             if room == 0:
                 return int(max(j - 1, k + 1))
             room -= 1
@@ -246,19 +246,7 @@ def step_group(p: Plan, r: Radio, thread: int, g: int) -> int:
     failures = 0
     for k in range(counters[FROM], counters[UNTIL]):
         _receive(p, r, thread, group, k)
-        exchange(
-            p.instances,
-            runs,
-            p.sources,
-            p.wires,
-            p.int_to_real,
-            p.value_maps,
-            p.real_out,
-            p.int_out,
-            p.real_in,
-            p.int_in,
-            k,
-        )
+        feed(p, k, runs)
         failures = step_free(p.instances, p.calls, p.ports, p.encoded[thread], p.tx, counters, k, members)
         failures += blame_some(
             p.instances,
@@ -274,7 +262,7 @@ def step_group(p: Plan, r: Radio, thread: int, g: int) -> int:
             group.failed, group.failures = k, failures
             break
         _send_on_board(p, r, group, k)
-        if row_is_due(p, k + 1):
+        if _row_is_due(p, k + 1):
             _write_row(p, group, k + 1)
         note_positions(p, k - counters[FROM], group.first_node, group.last_node)
     for e in range(group.first_port, group.last_port):  # the loop routes these once more, and keeps them in flight
@@ -313,7 +301,7 @@ def failed_at(p: Plan, k: int) -> int:
         if group.failed > k:
             for i in range(group.first_instance, group.last_instance):
                 p.instances[i].failed[0] = 0
-    forget(p)
+    _forget(p)
     return int(found)
 
 
@@ -329,7 +317,7 @@ def put_back(p: Plan, k: int) -> None:
 
 
 @kernel
-def forget(p: Plan) -> None:
+def _forget(p: Plan) -> None:
     """Frees what groups have sent and the loop has not routed."""
     for group in p.groups:
         while group.first_sent != np.uintp(0):
