@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from cosim_master.campaigns.campaign import Campaign, sweep
+from cosim_master.campaigns.campaign import sweep
 from cosim_master.campaigns.dataset.folder import Folder, read_runs, read_study
 from cosim_master.campaigns.dataset.table import digest_of, schema_of, sorted_table
 from cosim_master.campaigns.metrics.metric import Metric
@@ -57,7 +57,7 @@ def wait(what: Callable[[], bool], process: subprocess.Popen[Any] | None = None)
     while not what():
         assert time.monotonic() < end
         assert process is None or process.poll() is None, "it has ended before"
-        time.sleep(0.02)
+        time.sleep(0.05)
 
 
 # ---- one run -------------------------------------------------------------------------------------------------------
@@ -232,13 +232,15 @@ def lines(folder: Path) -> int:
 
 
 @pytest.mark.slow
-def test_killed_three_times_it_ends_with_the_same_dataset(fmus: Path, tmp_path: Path) -> None:
-    """The scheduler is killed, then the whole command, then a worker; nothing that has ended is made again."""
+def test_killed_three_times_and_interrupted_it_ends_with_the_same_dataset(fmus: Path, tmp_path: Path) -> None:
+    """The scheduler is killed, then the whole command; Ctrl-C reaches all processes of a terminal; at last, a worker is
+    killed. Nothing that has ended is made again."""
     out = tmp_path / "out"
     words = ["sweep", "line5", "--vary", "drone*.agent.epsilon=0.1:0.6:3", "--vary", "network.loss=0,0.2", "--seeds",
-             "3", "--metric", "error_to_law", "--metric", "packets_lost", "--metric",
-             "max(drone*.vehicle.position[2])", "--keep", "drone3.vehicle.position[2]", "--until", "28", "-o",
+             "4", "--metric", "error_to_law", "--metric", "packets_lost", "--metric",
+             "max(drone*.vehicle.position[2])", "--keep", "drone3.vehicle.position[2]", "--until", "14", "-o",
              str(out), "--json"]  # fmt: skip
+    again = ["sweep", str(out), "--json", "--workers", "1"]
     dask = [sys.executable, "-m", "dask"]
     file = tmp_path / "scheduler.json"
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
@@ -248,10 +250,8 @@ def test_killed_three_times_it_ends_with_the_same_dataset(fmus: Path, tmp_path: 
     worker = None
     try:
         wait(file.is_file, scheduler)
-        worker = subprocess.Popen(
-            [*dask, "worker", "--scheduler-file", file, "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard"],
-            **quiet,
-        )
+        options = ["--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard", "--no-nanny"]
+        worker = subprocess.Popen([*dask, "worker", "--scheduler-file", file, *options], **quiet)
         first = subprocess.Popen([COMMAND, *words, "--scheduler", file], stdout=subprocess.PIPE, text=True)
         wait(lambda: lines(out) >= 3, first)
         scheduler.kill()
@@ -264,7 +264,7 @@ def test_killed_three_times_it_ends_with_the_same_dataset(fmus: Path, tmp_path: 
     assert first.returncode == 1
     assert "the connection to the scheduler is lost" in told["errors"][0]["message"]
     after_first = read_runs(out).to_pylist()
-    assert 3 <= len(after_first) < 18
+    assert 3 <= len(after_first) < 24
 
     second = subprocess.Popen([COMMAND, *words, "--workers", "1"], **quiet)
     wait(lambda: lines(out) >= len(after_first) + 3, second)
@@ -273,24 +273,38 @@ def test_killed_three_times_it_ends_with_the_same_dataset(fmus: Path, tmp_path: 
     second.wait()
     wait(lambda: not any(Path(f"/proc/{one}").exists() for one in orphans))
     after_second = read_runs(out).to_pylist()
-    assert len(after_second) < 18
+    assert len(after_second) < 24
 
-    third = subprocess.Popen([COMMAND, *words, "--workers", "2"], stdout=subprocess.PIPE, text=True)
-    wait(lambda: lines(out) >= len(after_second) + 3, third)
-    os.kill(workers_of(third.pid)[0], signal.SIGKILL)
-    told = json.loads(third.communicate(timeout=LIMIT)[0])
-    assert third.returncode == 0
-    assert (told["before"], told["made"]) == (len(after_second), 18 - len(after_second))
+    third = subprocess.Popen(
+        [COMMAND, *again], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    wait(lambda: lines(out) >= len(after_second) + 2, third)
+    os.killpg(third.pid, signal.SIGINT)
+    written, errors = third.communicate(timeout=LIMIT)
+    assert third.returncode == 130, errors
+    assert "Traceback" not in errors
+    told = json.loads(written)
+    after_third = read_runs(out).to_pylist()
+    assert (told["interrupted"], told["complete"], told["before"]) == (True, False, len(after_second))
+    assert 2 <= told["made"] == len(after_third) - len(after_second)
+    assert len(after_third) < 24
+
+    fourth = subprocess.Popen([COMMAND, *again], stdout=subprocess.PIPE, text=True)
+    wait(lambda: lines(out) >= len(after_third) + 3, fourth)
+    os.kill(workers_of(fourth.pid)[0], signal.SIGKILL)
+    told = json.loads(fourth.communicate(timeout=LIMIT)[0])
+    assert fourth.returncode == 0
+    assert (told["before"], told["made"]) == (len(after_third), 24 - len(after_third))
 
     table = read_runs(out)
-    assert pq.read_table(out / "runs").num_rows == 18  # no part has a run that another has
+    assert pq.read_table(out / "runs").num_rows == 24  # no part has a run that another has
     by_run = {row["run"]: row for row in table.to_pylist()}
-    assert all(by_run[row["run"]] == row for row in [*after_first, *after_second])
+    assert all(by_run[row["run"]] == row for row in [*after_first, *after_second, *after_third])
     study, _ = read_study(out)
     alone = rows_of(study)
     assert digest_of(table) == digest_of(sorted_table(alone, schema_of(study)))
     kept = pq.read_table(out / "signals", partitioning="hive")
-    assert sorted({*kept.column("run").to_pylist()}) == [*range(18)]
+    assert sorted({*kept.column("run").to_pylist()}) == [*range(24)]
 
 
 CRASHES = """
@@ -303,69 +317,33 @@ def deadly(run):
 
 deadly.signals = "drone1.vehicle.position[1]"
 """
-
-
-@pytest.mark.slow
-def test_a_run_that_kills_its_worker_is_a_row_and_the_others_are_made(fmus: Path, tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(CRASHES, encoding="utf-8")
-    study = Study(
-        system="line5",
-        factors=(Factor.parsed("drone1.vehicle.position_start[1]=0,1,2,3,4,5"),),
-        metrics=metrics(f"{tmp_path / 'mine.py'}:deadly"),
-        until=1.0,
-    )
-    seen = []
-    campaign: Campaign = sweep(study, tmp_path / "out", workers=1, progress=seen.append)
-    table = campaign.table()
-    outcomes = table.column("outcome").to_pylist()
-    assert outcomes[3] == "crashed"
-    assert outcomes.count("done") == 5
-    assert "the process of the worker ended" in table.column("reason")[3].as_py()
-    assert (campaign.bad, campaign.complete, campaign.interrupted) == (1, True, False)
-    assert seen[-1].made == 6 and seen[-1].bad == 1 and seen[-1].left == 0.0
-
-
 PROGRAM = """
+import json
 from cosim_master import Factor, Metric, Study, sweep
 
-study = Study(system="line5", factors=(Factor.parsed("network.loss=0,1"),),
-              metrics=(Metric.parsed("packets_lost"),), until=3.0)
+study = Study(system="line5", factors=(Factor.parsed("drone1.vehicle.position_start[1]=0,1,2,3,4,5"),),
+              metrics=(Metric.parsed("mine.py:deadly"),), until=1.0)
 print("begins")
-campaign = sweep(study, "out", workers=1)
-print(campaign.outcomes["done"], __file__.endswith("program.py"))
+seen = []
+campaign = sweep(study, "out", workers=1, progress=seen.append)
+print(campaign.table().column("outcome").to_pylist())
+print(campaign.table().column("reason")[3])
+print(campaign.bad, campaign.complete, campaign.interrupted, seen[-1].made, seen[-1].bad, seen[-1].left)
+print(__file__.endswith("program.py"))
 """
 
 
 @pytest.mark.slow
-def test_workers_do_not_execute_the_program(fmus: Path, tmp_path: Path) -> None:
+def test_a_run_that_kills_its_worker_is_a_row_and_no_worker_executes_the_program(fmus: Path, tmp_path: Path) -> None:
     """It has no `if __name__ == "__main__"`: as a main module of a worker, it would begin a campaign there."""
+    (tmp_path / "mine.py").write_text(CRASHES, encoding="utf-8")
     (tmp_path / "program.py").write_text(PROGRAM, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "program.py"], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=LIMIT
     )
-    assert (done.stdout, done.returncode) == ("begins\n2 True\n", 0), done.stderr
-
-
-@pytest.mark.slow
-def test_an_interrupted_campaign_goes_on(fmus: Path, tmp_path: Path) -> None:
-    """Ctrl-C reaches all processes of a terminal."""
-    words = ["sweep", "line5", "--vary", "network.loss=0,0.2", "--seeds", "9", "--metric", "packets_lost", "--until",
-             "30", "-o", "out", "--workers", "1"]  # fmt: skip
-    out = tmp_path / "out"
-    first = subprocess.Popen(
-        [COMMAND, *words, "--json"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    )  # fmt: skip
-    wait(lambda: lines(out) >= 2, first)
-    os.killpg(first.pid, signal.SIGINT)
-    told, errors = first.communicate(timeout=LIMIT)
-    assert first.returncode == 130, errors
-    document = json.loads(told)
-    assert (document["interrupted"], document["complete"], document["before"]) == (True, False, 0)
-    assert 2 <= document["made"] == read_runs(out).num_rows < 18
-    assert "Traceback" not in errors
-    again = subprocess.run(
-        [COMMAND, "sweep", "out", "--json"], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=LIMIT
-    )
-    told_again = json.loads(again.stdout)
-    assert (told_again["before"], told_again["before"] + told_again["made"]) == (document["made"], 18)
+    assert done.returncode == 0, done.stderr
+    begins, outcomes, reason, *rest = done.stdout.splitlines()
+    assert begins == "begins"
+    assert outcomes == "['done', 'done', 'done', 'crashed', 'done', 'done']"
+    assert "the process of the worker ended" in reason
+    assert rest == ["1 True False 6 1 0.0", "True"]

@@ -80,7 +80,8 @@ def _read(folder: Path, schema: pa.Schema) -> pa.Table:
     rows: list[Mapping[str, Any]] = []
     for part in sorted((folder / "runs").glob("part-*.parquet")):
         try:
-            rows += pq.read_table(part, schema=schema).to_pylist()
+            with pq.ParquetFile(part) as found:  # `read_table` would import pandas, where it is installed
+                rows += found.read().cast(schema).to_pylist()
         except (pa.ArrowException, OSError, ValueError) as error:
             text = "remove it, and repeat the campaign, which then makes its runs again"
             raise CosimError(f"{part}: this part of the dataset is damaged ({error}); {text}") from None

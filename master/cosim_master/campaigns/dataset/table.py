@@ -7,9 +7,11 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from cosim_master.campaigns.study.study import Study
+from cosim_master.results.storage.arrays import array_of, texts
 
 __all__ = ["digest_of", "schema_of", "sorted_table"]
 
@@ -40,7 +42,17 @@ def schema_of(study: Study) -> pa.Schema:
 def sorted_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Table:
     """Returns rows as a table in the order of their numbers, each run once."""
     once = {int(row["run"]): row for row in rows}
-    return pa.Table.from_pylist([dict(once[number]) for number in sorted(once)], schema=schema)
+    ordered = [once[number] for number in sorted(once)]
+    columns = [_column([row.get(one.name) for row in ordered], one.type) for one in schema]
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+def _column(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
+    if pa.types.is_string(kind):
+        return texts(values)
+    valid = np.array([value is not None for value in values], bool)
+    there = np.array([0 if value is None else value for value in values], kind.to_pandas_dtype())
+    return array_of(there, kind, valid=None if valid.all() else valid)
 
 
 def digest_of(table: pa.Table) -> str:

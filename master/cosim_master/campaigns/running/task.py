@@ -24,6 +24,7 @@ from cosim_master.execution.options import Listener
 from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.simulate import simulate
+from cosim_master.results.storage.arrays import array_of
 from cosim_master.stepping.observation import View
 
 __all__ = ["BAD", "CRASHED", "REFUSED", "Ended", "perform", "row_without_run"]
@@ -145,7 +146,9 @@ def _signals(keep: Sequence[str], measured: Measured) -> bytes:
     names = list(dict.fromkeys(name for pattern in keep for name in matching(pattern, measured.signals)))
     if not names:
         return b""
-    columns = {"time": measured.time, **{name: measured.signals[name] for name in names}}
+    columns = [
+        array_of(values, pa.float64()) for values in (measured.time, *(measured.signals[name] for name in names))
+    ]
     written = pa.BufferOutputStream()
-    pq.write_table(pa.table(columns), written, compression="zstd")
+    pq.write_table(pa.Table.from_arrays(columns, ["time", *names]), written, compression="zstd")
     return bytes(written.getvalue().to_pybytes())

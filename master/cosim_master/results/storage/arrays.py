@@ -32,12 +32,14 @@ def array_of(values: NDArray[Any], type: pa.DataType, *, valid: NDArray[np.bool_
     return pa.Array.from_buffers(type, len(values), [absent, pa.py_buffer(content)])
 
 
-def texts(values: Sequence[str]) -> pa.Array:
-    """Returns texts as an array."""
-    content = [value.encode() for value in values]
+def texts(values: Sequence[str | None]) -> pa.Array:
+    """Returns texts as an array; None is null."""
+    content = [(value or "").encode() for value in values]
     ends = np.zeros(len(content) + 1, np.int32)
     np.cumsum([len(one) for one in content], out=ends[1:], dtype=np.int32)
-    return pa.StringArray.from_buffers(len(content), pa.py_buffer(ends), pa.py_buffer(b"".join(content)))
+    valid = np.array([value is not None for value in values], bool)
+    absent = None if valid.all() else pa.py_buffer(np.packbits(valid, bitorder="little"))
+    return pa.StringArray.from_buffers(len(content), pa.py_buffer(ends), pa.py_buffer(b"".join(content)), absent)
 
 
 def text_of(numbers: NDArray[np.integer[Any]], names: pa.Array) -> pa.Array:
