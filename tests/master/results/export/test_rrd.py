@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from cosim_master.results.export.formats import export_run, format_of
 from cosim_master.results.export.options import Options
 from tests.master.results.export.conftest import edited, rotation
 
-chunk = pytest.importorskip("rerun.chunk", reason="the extra `rerun` is not installed")
+pytestmark = pytest.mark.skipif(find_spec("rerun") is None, reason="the extra `rerun` is not installed")
 
 DRONES = [f"drone{i}" for i in range(1, 6)]
 
@@ -27,6 +28,8 @@ class Read:
     """A file's contents: columns by entity and component, and the index of each; that of static ones is None."""
 
     def __init__(self, file: Path) -> None:
+        from rerun import chunk  # takes more than half a second: only those who run these tests wait for it
+
         self.reader = chunk.RrdReader(file)
         found: dict[tuple[str, str], list[tuple[Any, list[Any]]]] = defaultdict(list)
         for one in self.reader.stream():
