@@ -114,7 +114,7 @@ class Chain:
         self.counts["refused"] += parser.malformed
         if found:
             joined = b"".join(found)
-            admit(self.radio, np.zeros(0), now, LINK, np.frombuffer(joined, np.uint8).copy(), len(joined))
+            admit(self.radio, np.zeros(0), now, LINK, np.frombuffer(joined, np.uint8), len(joined))
 
     def _step(self, now: int, e: int, model: Any, memory: bytearray, m: Any, where: str) -> None:
         r, t = self.radio, 3.0 + now * 1e-9

@@ -203,7 +203,7 @@ class Air:
         send(self.radio, np.zeros(0), t, self.names.index(endpoint), buf, len(packets))
 
     def admit(self, gateway: str, packets: bytes, t: int = 0) -> None:
-        buf = np.frombuffer(packets, np.uint8).copy()
+        buf = np.frombuffer(packets, np.uint8)
         admit(self.radio, np.zeros(0), t, self.gateways.index(gateway), buf, len(packets))
 
     def deliver(self, endpoint: str, t: int = 0) -> bytes:

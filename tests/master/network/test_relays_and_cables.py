@@ -27,7 +27,7 @@ class Cables(Relays):
     def enter(self, t: int, gateway: str, sent: bytes) -> bytes:
         """Lets a packet enter by a gateway and travel for a second; returns it."""
         self.radio = grown(self.radio, 8 * copies(self.radio))
-        buf = np.frombuffer(sent, np.uint8).copy()
+        buf = np.frombuffer(sent, np.uint8)
         admit(self.radio, self.reals, t, self.gateways.index(gateway), buf, len(sent))
         self.serve(t + SECOND)
         return sent
@@ -101,7 +101,7 @@ def test_a_station_on_the_air_is_not_relayed() -> None:
     air = Relays(5, LINE, range(5), gateways=(Gateway("@gcs"),))
     air.radio = grown(air.radio, 8 * copies(air.radio))
     hello = packet(STATION)
-    admit(air.radio, air.reals, 0, 0, np.frombuffer(hello, np.uint8).copy(), len(hello))
+    admit(air.radio, air.reals, 0, 0, np.frombuffer(hello, np.uint8), len(hello))
     air.serve(SECOND)
     assert air.heard(hello) == {n: [0] for n in range(5)}
     assert air.counts()["relayed"] == 0
