@@ -36,11 +36,11 @@ from cosim.messages import (
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
     MAV_CMD_NAV_TAKEOFF,
     MAV_CMD_NAV_WAYPOINT,
+    MAV_CMD_RUN_PREARM_CHECKS,
     MAV_RESULT_ACCEPTED,
     MAV_RESULT_DENIED,
     MAV_RESULT_FAILED,
     MAV_RESULT_UNSUPPORTED,
-    MAV_SEVERITY_CRITICAL,
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_NOTICE,
     MAV_TYPE_FIXED_WING,
@@ -64,8 +64,8 @@ from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
-from cosim_models.autopilot.gcs.words import ARM_STOPPED, CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
-from cosim_models.autopilot.wing.arming import permits_arming
+from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
+from cosim_models.autopilot.wing.arming import ARMING_MEMORY, checking, no_checks
 from cosim_models.autopilot.wing.failsafes import FAILSAFE_MEMORY, FAILSAFE_PARAMETERS, drain_battery, failsafes
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
@@ -140,6 +140,7 @@ VARIABLES = pilot_variables(
         *WING_MEMORY,
         *PILOT_MEMORY,
         *FAILSAFE_MEMORY,
+        *ARMING_MEMORY,
         *FUNCTION_MEMORY,
         *WIND_MEMORY,
         Memory("told_low", dtype="?", rare=True),
@@ -196,14 +197,12 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
 
 
 _enter = told(_change_mode, _MODES)
+_permits_arming, _ask_checks, _watch_checks = checking(no_checks, no_checks)
 
 
 @kernel
 def _arm(m: Any, forced: bool, t: float) -> int:
-    if m.emergency_stop and not forced:
-        say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
-        return MAV_RESULT_FAILED
-    if not (ready(m, t) or forced) or not permits_arming(m, forced):
+    if not _permits_arming(m, forced, t):
         return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t
@@ -224,6 +223,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
         return _enter(m, _LOITER, t)
     if command == MAV_CMD_DO_AUX_FUNCTION:
         return int(_use_switch(m, p1, p2, t))
+    if command == MAV_CMD_RUN_PREARM_CHECKS:
+        return int(_ask_checks(m, t))
     if command == MAV_CMD_BATTERY_RESET:
         return MAV_RESULT_ACCEPTED if reset_battery(m, p1, p2, t) else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_VTOL_TRANSITION:
@@ -377,6 +378,8 @@ def advance(m: Any, t: float, h: float) -> int:
         home_here(m)
         if t >= m.home_due:
             repeat_home(m, t)
+        if t >= m.checks_due:
+            _watch_checks(m, t)
         m.rotated, m.elevator_trim = False, 0.0
         rest(m)
     speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])

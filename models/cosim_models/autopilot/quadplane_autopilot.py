@@ -37,11 +37,11 @@ from cosim.messages import (
     MAV_CMD_NAV_VTOL_LAND,
     MAV_CMD_NAV_VTOL_TAKEOFF,
     MAV_CMD_NAV_WAYPOINT,
+    MAV_CMD_RUN_PREARM_CHECKS,
     MAV_RESULT_ACCEPTED,
     MAV_RESULT_DENIED,
     MAV_RESULT_FAILED,
     MAV_RESULT_UNSUPPORTED,
-    MAV_SEVERITY_CRITICAL,
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_NOTICE,
     MAV_SEVERITY_WARNING,
@@ -69,9 +69,6 @@ from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, st
 from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
 from cosim_models.autopilot.gcs.words import (
-    ARM_LEAN,
-    ARM_STOPPED,
-    ARM_THIS_MODE,
     FLYING,
     LANDED,
     MISSION_COMPLETE,
@@ -83,9 +80,8 @@ from cosim_models.autopilot.gcs.words import (
     TRANSITION_AUTO,
     say,
     say_figures,
-    say_mode,
 )
-from cosim_models.autopilot.wing.arming import permits_arming
+from cosim_models.autopilot.wing.arming import ARMING_MEMORY, checking, lifted_checks, lifted_missions
 from cosim_models.autopilot.wing.failsafes import FAILSAFE_MEMORY, FAILSAFE_PARAMETERS, drain_battery, failsafes
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
@@ -182,7 +178,6 @@ _ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of them it is in the air
 _CLIMBED = 0.5  # m below the end of a vertical take-off
 _LANDED_SPEED, _LANDED_TIME = 0.1, 5.0  # m/s and s: slower than commanded for so long is landed
-_LEAST_LEAN, _MOST_LEAN = 10.0, 80.0  # degrees, of Q_ANGLE_MAX
 _STATE_MC, _STATE_FW = 3, 4
 _OPTION_QRTL, _OPTION_RTL = 1 << 5, 1 << 20  # Q_OPTIONS
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
@@ -218,7 +213,10 @@ VARIABLES = pilot_variables(
         *switch_parameters("FLTMODE", SWITCHED_MODES),
         whole("Q_GUIDED_MODE", 1, "1: hovers at the targets of GUIDED; 0: circles them"),
         whole(
-            "Q_OPTIONS", 0, "fail-safes on the rotors: bit 5 QRTL, bit 20 RTL, none of them QLAND; others are ignored"
+            "Q_OPTIONS",
+            0,
+            "fail-safes on the rotors: bit 5 QRTL, bit 20 RTL, none of them QLAND; bit 18: armed in Q modes, AUTO and "
+            "GUIDED alone; others are ignored",
         ),
         whole("Q_MAV_TYPE", MAV_TYPE_VTOL_QUADROTOR, "MAV_TYPE in the heartbeat; 0: fixed wing"),
         *RETURN_PARAMETERS,
@@ -233,6 +231,7 @@ VARIABLES = pilot_variables(
         *PROGRESS_MEMORY,
         *RETURN_MEMORY,
         *FAILSAFE_MEMORY,
+        *ARMING_MEMORY,
         *FUNCTION_MEMORY,
         *WIND_MEMORY,
         Memory("circle_told", dtype="?", rare=True),  # that the circle of GUIDED is reached
@@ -297,20 +296,12 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
 
 
 _enter = told(_change_mode, _MODES)
+_permits_arming, _ask_checks, _watch_checks = checking(lifted_checks, lifted_missions)
 
 
 @kernel
 def _arm(m: Any, forced: bool, t: float) -> int:
-    if m.emergency_stop and not forced:
-        say(m, MAV_SEVERITY_CRITICAL, ARM_STOPPED, 0)
-        return MAV_RESULT_FAILED
-    if not (ready(m, t) or forced) or not permits_arming(m, forced):
-        return MAV_RESULT_FAILED
-    if not forced and not _LEAST_LEAN <= m.Q_ANGLE_MAX <= _MOST_LEAN:
-        say(m, MAV_SEVERITY_CRITICAL, ARM_LEAN, 0)
-        return MAV_RESULT_FAILED
-    if m.mode in (_QLAND, _QRTL):
-        say_mode(m, MAV_SEVERITY_CRITICAL, ARM_THIS_MODE, m.mode)
+    if not _permits_arming(m, forced, t):
         return MAV_RESULT_FAILED
     m.armed = True
     m.armed_at = t
@@ -344,6 +335,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
         return _enter(m, _LOITER, t)
     if command == MAV_CMD_DO_AUX_FUNCTION:
         return int(_use_switch(m, p1, p2, t))
+    if command == MAV_CMD_RUN_PREARM_CHECKS:
+        return int(_ask_checks(m, t))
     if command == MAV_CMD_BATTERY_RESET:
         return MAV_RESULT_ACCEPTED if reset_battery(m, p1, p2, t) else MAV_RESULT_FAILED
     if command == MAV_CMD_NAV_TAKEOFF:
@@ -621,6 +614,8 @@ def advance(m: Any, t: float, h: float) -> int:
         home_here(m)
         if t >= m.home_due:
             repeat_home(m, t)
+        if t >= m.checks_due:
+            _watch_checks(m, t)
         m.rotated, m.elevator_trim, m.held_heading = False, 0.0, heading(m)
     m.on_ground = not m.armed or (m.ground_down - m.position[2] < _FLYING_HEIGHT and speed_of(m) < _FLYING_SPEED)
     for i in range(3):

@@ -223,6 +223,8 @@ def answer(m: Any, command: int, p: tuple[float, float, float, float], t: float)
     if command == MAV_CMD_GET_MESSAGE_INTERVAL:
         return _tell_interval(m, p[0])
     if command == MAV_CMD_RUN_PREARM_CHECKS:
+        if m.kind != MAV_TYPE_QUADROTOR and not is_surface(m):
+            return NOT_HERE
         return MAV_RESULT_TEMPORARILY_REJECTED if m.armed else MAV_RESULT_ACCEPTED
     for i in range(_ABSENT.size):
         if _ABSENT[i] == command:

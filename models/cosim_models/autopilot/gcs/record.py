@@ -149,6 +149,8 @@ _MEMORY = (
     Memory("battery_left", rare=True),  # %
     Memory("battery_alarm", dtype="i4", rare=True),
     Memory("critical", dtype="?", rare=True),  # a fail-safe of a plane is there
+    Memory("checks_told", dtype="i4", rare=True),  # how failed checks are told, by `words`
+    Memory("checks_passed", dtype="?", rare=True),  # those of a plane before arming
     Memory("gps_silent", dtype="?", rare=True),
     Memory("position_lost", dtype="?", rare=True),
     *STICK_MEMORY,

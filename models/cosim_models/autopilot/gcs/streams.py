@@ -158,7 +158,9 @@ def _put_servos(m: Any, surface: bool, t: float) -> None:
 @kernel
 def _put_status(m: Any, t: float) -> None:
     """Fills m.payload with a SYS_STATUS."""
-    health = _SENSORS + (_PREARM if ready(m, t) else 0)
+    flies = m.kind not in (MAV_TYPE_QUADROTOR, MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT)
+    passes = (m.armed or m.checks_passed) if flies else ready(m, t)
+    health = _SENSORS + (_PREARM if passes else 0)
     present = _SENSORS + _PREARM
     volts, amperes, left = 65535, -1, -1
     if m.battery_voltage > 0.0:

@@ -1,6 +1,7 @@
 """STATUSTEXTs of the small autopilots, in the words of ArduRover and ArduPlane.
 
-A text is sent at once. Source: the texts of ArduPilot 4.7-dev, as heard from its programs.
+A text is sent at once. Those of failed checks begin with "Arm: ", or with "PreArm: " while m.checks_told is ASKED; they
+are not sent while it is SILENT. Source: the texts of ArduPilot 4.7-dev, as heard from its programs.
 """
 
 from __future__ import annotations
@@ -22,17 +23,26 @@ __all__ = [
     "APPROACH",
     "ARMED",
     "ARM_AIRSPEED",
+    "ARM_AHRS",
     "ARM_BATTERY",
     "ARM_GPS",
+    "ARM_HOME",
     "ARM_LEAN",
+    "ARM_MISSION",
     "ARM_MODE",
+    "ARM_NO_LANDING",
+    "ARM_NO_TAKEOFF",
+    "ARM_NOT_LIFTED",
+    "ARM_NOT_TAKEOFF",
     "ARM_PITCH_MAX",
     "ARM_PITCH_MIN",
     "ARM_RADIO",
     "ARM_ROLL",
+    "ARM_SPIN",
     "ARM_STOPPED",
     "ARM_THIS_MODE",
     "ARM_TIMEOUTS",
+    "ASKED",
     "ASSISTANCE",
     "AUTO_GOES_ON",
     "BAROMETER",
@@ -98,6 +108,7 @@ __all__ = [
     "RALLY_FETCH_OLD",
     "REACHED",
     "READY",
+    "REFUSED",
     "RESET",
     "RESTORED",
     "ROVER",
@@ -105,6 +116,7 @@ __all__ = [
     "SHORT_CLEARED",
     "SHORT_MODE",
     "SHORT_ON",
+    "SILENT",
     "SLOWING",
     "SWITCHES",
     "TAKEOFF_GUIDED",
@@ -247,6 +259,14 @@ _WORDS = (
     "Arm: PTCH_LIM_MIN_DEG too large (~)",
     "Arm: AIRSPEED_MIN too low (% < 5)",
     "Arm: Check Q_ANGLE_MAX",
+    "Arm: AHRS: not using configured AHRS type",
+    "Arm: AHRS: waiting for home",
+    "Arm: Mode requires mission",
+    "Arm: VTOL land too short, min %m",
+    "Arm: Motors: Q_M_SPIN_MIN too high $ > 0.3",
+    "Arm: @ not Q mode",
+    "Arm: @ not in VTOL takeoff",
+    "Arm: @ missing takeoff waypoint",
     "Throttle failsafe on",
     "Throttle failsafe off",
     "RC Short Failsafe On",
@@ -367,6 +387,14 @@ _WORDS = (
     ARM_PITCH_MIN,
     ARM_AIRSPEED,
     ARM_LEAN,
+    ARM_AHRS,
+    ARM_HOME,
+    ARM_MISSION,
+    ARM_NO_LANDING,
+    ARM_SPIN,
+    ARM_NOT_LIFTED,
+    ARM_NOT_TAKEOFF,
+    ARM_NO_TAKEOFF,
     THROTTLE_LOST,
     THROTTLE_BACK,
     SHORT_ON,
@@ -390,10 +418,13 @@ _WORDS = (
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
 """LOST and CLEARED: the texts of the radio, followed by those of the ground station; BATTERY_ALARM: low, then critical;
 ARM_BATTERY: the first of eight; ASSISTANCE and, for each of TOLD, SWITCHES: of the positions low, middle and high."""
+REFUSED, ASKED, SILENT = (cast(int, np.int64(i)) for i in range(3))
+"""How failed checks are told, `checks_told`."""
 _SIZE = 50
 _TEXT = np.zeros((len(_WORDS), _SIZE), np.uint8)
 for _row, _words in enumerate(_WORDS):
     _TEXT[_row, : len(_words)] = np.frombuffer(_words.encode(), np.uint8)
+_PRE = np.frombuffer(b"Pre", np.uint8)  # before "Arm: "
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
 _PERCENT, _TENTHS, _HUNDREDTHS, _MILLIONTHS, _POINT, _MINUS, _ZERO, _NAME = b"%~$^.-0@"
 
@@ -444,10 +475,16 @@ def _put_name(m: Any, at: int, mode: int) -> int:
 
 @kernel
 def _say(m: Any, severity: int, text: int, figures: tuple[float, float, float, float], mode: int) -> None:
+    if m.checks_told == SILENT:
+        return
     encode_statustext(m.payload, severity, 0, 0)
     at, used = 0, 0
     for i in range(_SIZE):
         put_statustext_text(m.payload, i, 0)
+    if m.checks_told == ASKED:
+        for i in range(_PRE.size):
+            put_statustext_text(m.payload, i, int(_PRE[i]))
+        at = int(_PRE.size)
     for i in range(_SIZE):
         byte = int(_TEXT[text, i])
         if byte == 0:
