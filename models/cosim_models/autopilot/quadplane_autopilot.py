@@ -47,11 +47,12 @@ from cosim.messages import (
     MAV_SEVERITY_WARNING,
     MAV_TYPE_FIXED_WING,
     MAV_TYPE_VTOL_QUADROTOR,
+    RADIO_STATUS,
 )
 from cosim.vehicle import Airframe
 from cosim_models.autopilot.gcs.battery import reset_battery
 from cosim_models.autopilot.gcs.commands import firmware, receiver, repeat_home, told
-from cosim_models.autopilot.gcs.contact import note_station
+from cosim_models.autopilot.gcs.contact import note_report, note_station
 from cosim_models.autopilot.gcs.devices import continue_motor_test
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
@@ -369,6 +370,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
 def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
     if message == HEARTBEAT or hear_sticks(m, message, sender, t):
         note_station(m, sender, t)
+    elif message == RADIO_STATUS:
+        note_report(m, t)
     elif not _hear_parameter(m, message):
         _hear_mission(m, message, sender, part, t)
 

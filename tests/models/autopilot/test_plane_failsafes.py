@@ -73,7 +73,7 @@ def test_a_silent_receiver_is_lost_after_its_times_and_the_mode_comes_back() -> 
     p = with_values(high(CRUISE), FS_LONG_TIMEOUT=30.0, fail=1)
     events = when_told(p, 5.0)
     assert [text for _, text in events] == [LOST, short(CIRCLE)]
-    assert [time for time, _ in events] == pytest.approx([1.0 + 0.2, 1.5], abs=0.15)  # FS_SHORT_TIMEOUT
+    assert [time for time, _ in events] == pytest.approx([1.0 + 0.2] * 2, abs=0.15)  # at once
     assert p.m.mode == CIRCLE
     p.until(p.time + 1.1)
     assert p.last("HEARTBEAT").system_status == mavlink.MAV_STATE_CRITICAL
@@ -138,6 +138,17 @@ def test_the_short_one_may_be_off() -> None:
     assert p.m.mode == RTL
 
 
+@pytest.mark.parametrize(("short_action", "at"), [(0, 0.2 + 3.0), (3, 3.0)])
+@pytest.mark.parametrize("timeout", [0.5, 2.5])
+def test_times_of_a_lost_radio(short_action: int, at: float, timeout: float) -> None:
+    """The short one follows at once, whatever FS_SHORT_TIMEOUT, and the long one counts from it."""
+    p = with_values(high(CRUISE), FS_SHORT_ACTN=short_action, FS_SHORT_TIMEOUT=timeout, FS_LONG_TIMEOUT=3.0, fail=2)
+    events = when_told(p, 5.0)
+    first = [(0.2, LOST), (0.2, short(CIRCLE))] if short_action == 0 else [(0.2, LOST)]
+    assert [text for _, text in events] == [*(text for _, text in first), long(RTL)]
+    assert [time for time, _ in events] == pytest.approx([*(time for time, _ in first), at], abs=0.15)
+
+
 def test_an_emergency_landing_glides() -> None:
     p = high(CRUISE)
     assert p.ask(AUX, EMERGENCY_LANDING, 2) == ACCEPTED
@@ -178,7 +189,7 @@ def test_what_a_long_loss_leads_to(mode: int, action: int, other: int) -> None:
     events = when_told(p, 7.0)
     middle = CIRCLE if mode == CRUISE else mode
     assert [text for _, text in events] == [LOST, short(middle, middle != mode), long(other)]
-    assert events[-1][0] == pytest.approx(5.0, abs=0.15)  # FS_LONG_TIMEOUT
+    assert events[-1][0] == pytest.approx(1.2 + 5.0, abs=0.15)  # FS_LONG_TIMEOUT after the short one
     assert p.m.mode == other
     p.m.SIM_RC_FAIL = 0
     assert said(p, 2.0) == [BACK, (WARNING, "RC Long Failsafe Cleared")]
@@ -329,6 +340,28 @@ def test_no_station_another_one_none_asked_for_and_not_in_auto() -> None:
             with_station(p, 2.0, system)
         assert said(p, 8.0) == []
         assert p.m.mode == CRUISE
+
+
+def reported(p: Pair, seconds: float, strength: int) -> None:
+    """A ground station and a radio speak once a second."""
+    radio = mavlink.MAVLink(None, srcSystem=51, srcComponent=68)
+    for _ in range(int(seconds)):
+        p.waiting += mavlink.MAVLink_radio_status_message(180, strength, 100, 40, 40, 0, 0).pack(radio)
+        with_station(p, 1.0)
+
+
+@pytest.mark.parametrize("enabled", [1, 2])
+def test_a_radio_that_reports_no_other_end_is_a_lost_station(enabled: int) -> None:
+    p = with_values(high(CRUISE), FS_GCS_ENABL=enabled, FS_LONG_TIMEOUT=4.0)
+    reported(p, 8.0, 0)
+    assert texts(p) == []  # it has never reported one
+    reported(p, 3.0, 170)
+    reported(p, 2.0, 0)
+    assert texts(p) == []
+    reported(p, 2.0, 0)
+    found = texts(p)
+    assert found[:2] == ([long(RTL, "GCS"), (WARNING, "GCS Failsafe Cleared")] if enabled == 2 else [])
+    assert p.m.mode == (RTL if enabled == 2 else CRUISE)
 
 
 def test_sticks_are_a_sign_of_life() -> None:

@@ -2,14 +2,15 @@
 
 Ten times a second. The radio is lost when the receiver gives no pulses for a second, or the throttle's are not above
 THR_FS_VALUE, and 0.2 s have passed since then; meanwhile the sticks count as centred and the throttle as closed, and
-switches are not read.
-FS_SHORT_ACTN follows when it has lasted for FS_SHORT_TIMEOUT, and the mode returns when the radio does; FS_LONG_ACTN
-follows after FS_LONG_TIMEOUT, and after as long a silence of the ground station. Modes on the rotors change to QLAND,
-QRTL or RTL (Q_OPTIONS) instead. Kernels over a record with `FAILSAFE_PARAMETERS` and `FAILSAFE_MEMORY` beside the
-variables of `gcs.record` and `wing.functions`.
+switches are not read. FS_SHORT_ACTN follows at once, and the mode returns when the radio does; FS_LONG_ACTN follows
+FS_LONG_TIMEOUT later (with FS_SHORT_ACTN 3, as long after the last good pulse), and after as long a silence of the
+ground station, or, with FS_GCS_ENABL 2, of the radio's reports that the ground station's hears it (RADIO_STATUS with a
+remrssi). Modes on the rotors change to QLAND, QRTL or RTL (Q_OPTIONS) instead. Kernels over a record with
+`FAILSAFE_PARAMETERS` and `FAILSAFE_MEMORY` beside the variables of `gcs.record` and `wing.functions`.
 
-Differences from ArduPlane: there is no parachute, no AUTOLAND and no landing in a mission, and RADIO_STATUS is not
-regarded (FS_GCS_ENABL 2 is 1).
+Differences from ArduPlane: there is no parachute, no AUTOLAND and no landing in a mission. As in the
+ArduPlane of the recorded answers, FS_SHORT_TIMEOUT does not delay anything: it is how recently the ground station has
+to be heard for its fail-safe to end.
 
 Source: ArduPilot, ArduPlane/events.cpp, radio.cpp (control_failsafe), system.cpp (check_long_failsafe), Plane.h
 (urgency of the battery's actions), mode_takeoff.cpp; SITL (SIM_RC_FAIL, the throttle that drains the battery).
@@ -29,7 +30,7 @@ from cosim_models.autopilot.gcs.battery import (
     battery_parameters,
     drain,
 )
-from cosim_models.autopilot.gcs.contact import CONTACT_MEMORY, station_is_lost
+from cosim_models.autopilot.gcs.contact import CONTACT_MEMORY, is_unreported, station_is_lost
 from cosim_models.autopilot.gcs.record import real, whole
 from cosim_models.autopilot.gcs.sticks import THROTTLE, is_held, receiver_pulse
 from cosim_models.autopilot.gcs.words import (
@@ -61,7 +62,7 @@ _NO_RADIO, _COUNT = 1.0, 2  # s without pulses, and checks, after which the radi
 _ON = 1  # THR_FAILSAFE
 _GUESS, _SHORT_FBWA, _SHORT_OFF, _SHORT_FBWB = 0, 2, 3, 4  # FS_SHORT_ACTN
 _GO_ON, _GLIDE, _PARACHUTE, _TO_AUTO, _TO_AUTOLAND = 0, 2, 3, 4, 5  # FS_LONG_ACTN
-_ALWAYS, _IN_AUTO = (1, 2), 3  # FS_GCS_ENABL
+_ALWAYS, _REPORTED, _IN_AUTO = (1, 2), 2, 3  # FS_GCS_ENABL
 _CIRCLE, _FBWA, _FBWB, _AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED = 1, 5, 6, 10, 11, 12, 13, 14, 15
 _QLAND, _LOITER_ALT_QLAND, _AUTOLAND = 20, 25, 26
 _BY_STICKS = (0, 2, 3, 4, 5, 6, 7)  # MANUAL, STABILIZE, TRAINING, ACRO, FBWA, FBWB, CRUISE
@@ -75,10 +76,14 @@ FAILSAFE_PARAMETERS = (
         0,
         "short loss of radio: 0 CIRCLE, AUTO, GUIDED, LOITER go on; 1 CIRCLE, 2 FBWA, 3 none, 4 FBWB",
     ),
-    real("FS_SHORT_TIMEOUT", "s", 1.5, "time after which FS_SHORT_ACTN follows"),
+    real("FS_SHORT_TIMEOUT", "s", 1.5, "the fail-safe of the ground station ends when it was heard within this time"),
     whole("FS_LONG_ACTN", 0, "long loss: 0 RTL, AUTO and GUIDED go on; 1 RTL, 2 FBWA, 3 parachute, 4 AUTO, 5 AUTOLAND"),
-    real("FS_LONG_TIMEOUT", "s", 5.0, "time after which FS_LONG_ACTN follows"),
-    whole("FS_GCS_ENABL", 0, "1, 2: a lost ground station is a fail-safe; 3: in AUTO alone"),
+    real("FS_LONG_TIMEOUT", "s", 5.0, "time from FS_SHORT_ACTN on after which FS_LONG_ACTN follows"),
+    whole(
+        "FS_GCS_ENABL",
+        0,
+        "1, 2: a lost ground station is a fail-safe; 2: one that its radio does not report, too; 3: in AUTO alone",
+    ),
     whole(
         "THR_FAILSAFE",
         _ON,
@@ -96,6 +101,7 @@ FAILSAFE_MEMORY = (
     Memory("mode_before", dtype="i4", rare=True),  # of the short fail-safe
     Memory("mode_by_radio", dtype="?", rare=True),  # the mode is that of a fail-safe of the radio
     Memory("long_pending", dtype="?", rare=True),  # it waits for the end of a take-off
+    Memory("short_since", rare=True),  # s, of the short fail-safe
     Memory("radio_count", dtype="i4", rare=True),  # checks in a row without a radio
     Memory("radio_lost", dtype="?", rare=True),
     Memory("radio_known", dtype="?", rare=True),  # it has been heard
@@ -252,9 +258,9 @@ def failsafes(
     @kernel
     def watch_short(m: Any, t: float) -> None:
         off = m.FS_SHORT_ACTN == _SHORT_OFF
-        lasts = m.radio_lost and t - m.radio_heard > m.FS_SHORT_TIMEOUT
-        if lasts and not off and m.failsafe_state == _NONE:
+        if m.radio_lost and not off and m.failsafe_state == _NONE:
             m.failsafe_state = _SHORT
+            m.short_since = t
             m.mode_before = m.mode
             mode = _short_mode(m, lands(m), -1 if m.mode == _AUTO else lifted(m))
             if mode != m.mode and enter(m, mode, t) == MAV_RESULT_ACCEPTED:
@@ -272,9 +278,12 @@ def failsafes(
     def watch_long(m: Any, t: float) -> None:
         if m.failsafe_state < _LONG:
             watched = m.FS_GCS_ENABL in _ALWAYS or (m.FS_GCS_ENABL == _IN_AUTO and m.mode == _AUTO)
-            if m.radio_lost and t - m.radio_heard > m.FS_LONG_TIMEOUT:
+            since = m.short_since if m.failsafe_state == _SHORT else m.radio_heard
+            if m.radio_lost and t - since > m.FS_LONG_TIMEOUT:
                 lose(m, _LONG, t)
-            elif watched and station_is_lost(m, m.FS_LONG_TIMEOUT, t):
+            elif (watched and station_is_lost(m, m.FS_LONG_TIMEOUT, t)) or (
+                m.FS_GCS_ENABL == _REPORTED and is_unreported(m, m.FS_LONG_TIMEOUT, t)
+            ):
                 lose(m, _GCS, t)
             return
         patience = m.FS_LONG_TIMEOUT if m.FS_SHORT_ACTN == _SHORT_OFF else m.FS_SHORT_TIMEOUT
