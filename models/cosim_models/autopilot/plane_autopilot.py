@@ -2,15 +2,15 @@
 
 A fixed wing cannot stop: to hold a place is to circle it, with WP_LOITER_RAD. GUIDED circles its target, LOITER and
 AVOID_ADSB the place where the mode was entered, LOITER_ALT_QLAND the same 15 m above home (it cannot QLAND), RTL home;
-AUTO flies missions; TAKEOFF climbs straight ahead to TKOFF_ALT and then circles. A pilot flies MANUAL, STABILIZE,
-TRAINING, ACRO, FBWA, FBWB and CRUISE (`wing.piloted`), by RC_CHANNELS_OVERRIDE and MANUAL_CONTROL; without them, the
-sticks are centred and the throttle is closed. Positions come by DO_REPOSITION and MISSION_ITEM with current 2. As in
-ArduPlane, the message SET_POSITION_TARGET_GLOBAL_INT changes the height alone, the take-off command is FAILED (it is
-for VTOL), and landing is UNSUPPORTED.
+AUTO flies missions; TAKEOFF climbs straight ahead to TKOFF_ALT and then circles; AUTOLAND lands at home
+(`wing.autoland`). A pilot flies MANUAL, STABILIZE, TRAINING, ACRO, FBWA, FBWB and CRUISE (`wing.piloted`), by
+RC_CHANNELS_OVERRIDE and MANUAL_CONTROL; without them, the sticks are centred and the throttle is closed. Positions come
+by DO_REPOSITION and MISSION_ITEM with current 2. As in ArduPlane, the message SET_POSITION_TARGET_GLOBAL_INT changes
+the height alone, the take-off command is FAILED (it is for VTOL), and the command to land is UNSUPPORTED.
 
 Differences from ArduPlane: these loops instead of TECS and L1, no airspeed sensor (airspeed is taken as the speed over
-ground; the wind is estimated for the message WIND alone), no landing, no AUTOTUNE, no fences. Speeds and the radius of
-circles are made for the Aerosonde.
+ground; the wind is estimated for the message WIND alone), no landing in a mission, no AUTOTUNE, no fences. Speeds and
+the radius of circles are made for the Aerosonde.
 
 The control of bank, height, speed and course is in `wing.flight`, fail-safes are in `wing.failsafes`. Sources of the
 modes and answers: ArduPilot, ArduPlane/mode*.cpp and ArduPlane/GCS_MAVLink_Plane.cpp.
@@ -43,6 +43,7 @@ from cosim.messages import (
     MAV_RESULT_UNSUPPORTED,
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_NOTICE,
+    MAV_SEVERITY_WARNING,
     MAV_TYPE_FIXED_WING,
     RADIO_STATUS,
 )
@@ -65,8 +66,16 @@ from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
-from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
+from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_TUNING, NO_VTOL, say
 from cosim_models.autopilot.wing.arming import ARMING_MEMORY, checking, no_checks
+from cosim_models.autopilot.wing.autoland import (
+    AUTOLAND_MEMORY,
+    AUTOLAND_PARAMETERS,
+    begin_autoland,
+    land_on_wheels,
+    note_arming,
+    watch_autoland,
+)
 from cosim_models.autopilot.wing.failsafes import FAILSAFE_MEMORY, FAILSAFE_PARAMETERS, drain_battery, failsafes
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
@@ -113,10 +122,12 @@ class PlaneMode(IntEnum):
     AVOID_ADSB = 14
     GUIDED = 15
     LOITER_ALT_QLAND = 25
+    AUTOLAND = 26
 
 
 _MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _FBWA, _FBWB, _CRUISE = map(int, list(PlaneMode)[:8])
-_AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED, _LOITER_ALT_QLAND = map(int, list(PlaneMode)[8:])
+_AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED, _LOITER_ALT_QLAND, _AUTOLAND = map(int, list(PlaneMode)[8:])
+_AUTOTUNE = 8
 _BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA)
 _KNOWN = tuple(map(int, PlaneMode))
 _LOITER_ALT = 15.0  # m above home, Q_RTL_ALT without rotors
@@ -133,6 +144,7 @@ VARIABLES = pilot_variables(
         *wing_parameters(),
         *PILOT_PARAMETERS,
         *STICK_PARAMETERS,
+        *AUTOLAND_PARAMETERS,
         *FAILSAFE_PARAMETERS,
         *switch_parameters("FLTMODE", SWITCHED_MODES),
     ),
@@ -140,6 +152,7 @@ VARIABLES = pilot_variables(
         *MISSION,
         *WING_MEMORY,
         *PILOT_MEMORY,
+        *AUTOLAND_MEMORY,
         *FAILSAFE_MEMORY,
         *ARMING_MEMORY,
         *FUNCTION_MEMORY,
@@ -164,10 +177,14 @@ def _is_there(m: Any) -> bool:
 @kernel
 def _change_mode(m: Any, mode: int, t: float) -> int:
     if mode not in _KNOWN:
+        if mode == _AUTOTUNE:
+            say(m, MAV_SEVERITY_WARNING, NO_TUNING, 0)
         return MAV_RESULT_FAILED
     if mode == m.mode:
         return MAV_RESULT_ACCEPTED
     if mode not in _BY_HAND and not ready(m, t):
+        return MAV_RESULT_FAILED
+    if mode == _AUTOLAND and not begin_autoland(m):
         return MAV_RESULT_FAILED
     if mode == _AUTO:
         if m.mission_current == 0 or m.mission_done:
@@ -183,7 +200,8 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     m.autonomous = mode not in _BY_HAND and mode != _FBWB and mode != _CRUISE
     m.mission_active = mode == _AUTO
     m.taking_off = False
-    hold_here(m)
+    if mode != _AUTOLAND:
+        hold_here(m)
     begin_pilot(m)
     if mode == _TAKEOFF:
         if not m.on_ground:
@@ -208,6 +226,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     m.armed = True
     m.armed_at = t
     home_here(m)
+    note_arming(m)
     if m.mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
     return MAV_RESULT_ACCEPTED
@@ -316,6 +335,8 @@ def _act(m: Any, t: float, h: float) -> None:
         take_off(m, h)
     elif m.on_ground:
         rest(m)
+    elif m.mode == _AUTOLAND:
+        land_on_wheels(m, h)
     else:
         fly(m, circle(m, m.guided_position[0], m.guided_position[1]), m.guided_position[2], cruise_speed(m), h)
         if m.mode == _LOITER_ALT_QLAND and not m.told_low and m.position[2] >= m.guided_position[2] - 1.0:
@@ -375,6 +396,7 @@ def advance(m: Any, t: float, h: float) -> int:
         _receive(m, t)
     if t >= m.failsafe_due:
         _watch_failsafes(m, t)
+        watch_autoland(m, t)
     if t >= m.switch_due:
         _watch_switches(m, t)
     if not m.armed:

@@ -75,6 +75,7 @@ from cosim_models.autopilot.gcs.words import (
     MISSION_COMPLETE,
     NEAR,
     NO_AUTOLAND,
+    NO_TUNING,
     NOT_ARMED,
     NOT_FLYING,
     TAKEOFF_GUIDED,
@@ -182,7 +183,7 @@ _LANDED_SPEED, _LANDED_TIME = 0.1, 5.0  # m/s and s: slower than commanded for s
 _STATE_MC, _STATE_FW = 3, 4
 _OPTION_QRTL, _OPTION_RTL = 1 << 5, 1 << 20  # Q_OPTIONS
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
-_AUTOLAND = 26
+_AUTOTUNE, _QAUTOTUNE, _AUTOLAND = 8, 22, 26
 _FLOWN = (
     MAV_CMD_NAV_WAYPOINT,
     MAV_CMD_NAV_LOITER_UNLIM,
@@ -251,6 +252,8 @@ _hear_mission = mission_protocol(_FLOWN)
 @kernel
 def _change_mode(m: Any, mode: int, t: float) -> int:
     if mode not in _KNOWN:
+        if mode in (_AUTOTUNE, _QAUTOTUNE):
+            say(m, MAV_SEVERITY_WARNING, NO_TUNING, 0)
         if mode == _AUTOLAND:
             say(m, MAV_SEVERITY_WARNING, NOT_FLYING if m.on_ground else NO_AUTOLAND, 0)
         if mode in _MODES and m.mode == _GUIDED and m.Q_GUIDED_MODE == 0:

@@ -39,7 +39,7 @@ def in_the_air(kind: str, **values: float) -> Pair:
         ("plane", 4, RTL, [NO_LANDING]),
         ("plane", 5, GUIDED, [PARACHUTE]),
         ("plane", 6, RTL, [NO_LANDING]),
-        ("plane", 7, RTL, [CHANGE_FAILED]),
+        ("plane", 7, 26, []),
         ("quadplane", 1, RTL, []),
         ("quadplane", 2, RTL, [NO_LANDING]),
         ("quadplane", 4, QLAND, []),

@@ -8,7 +8,7 @@ ground station, or, with FS_GCS_ENABL 2, of the radio's reports that the ground 
 remrssi). Modes on the rotors change to QLAND, QRTL or RTL (Q_OPTIONS) instead. Kernels over a record with
 `FAILSAFE_PARAMETERS` and `FAILSAFE_MEMORY` beside the variables of `gcs.record` and `wing.functions`.
 
-Differences from ArduPlane: there is no parachute, no AUTOLAND and no landing in a mission. As in the
+Differences from ArduPlane: there is no parachute and no landing in a mission. As in the
 ArduPlane of the recorded answers, FS_SHORT_TIMEOUT does not delay anything: it is how recently the ground station has
 to be heard for its fail-safe to end.
 
@@ -101,6 +101,7 @@ FAILSAFE_MEMORY = (
     Memory("mode_before", dtype="i4", rare=True),  # of the short fail-safe
     Memory("mode_by_radio", dtype="?", rare=True),  # the mode is that of a fail-safe of the radio
     Memory("long_pending", dtype="?", rare=True),  # it waits for the end of a take-off
+    Memory("lands_on_wheels", dtype="?", rare=True),  # it is on the final of AUTOLAND
     Memory("short_since", rare=True),  # s, of the short fail-safe
     Memory("radio_count", dtype="i4", rare=True),  # checks in a row without a radio
     Memory("radio_lost", dtype="?", rare=True),
@@ -161,7 +162,7 @@ def _short_mode(m: Any, landing: bool, lifted: int) -> int:
     if m.mode in _BY_STICKS:
         if m.emergency_landing:
             return _FBWA
-    elif m.mode == _AUTO or m.mode in (_AVOID_ADSB, _GUIDED, _LOITER):
+    elif m.mode in (_AUTO, _AVOID_ADSB, _GUIDED, _LOITER, _AUTOLAND):
         if landing or action == _GUESS:
             return int(m.mode)
     else:
@@ -230,7 +231,7 @@ def _battery_events(
         if m.lifts and action in (_TO_QLAND, _LOITER_TO_QLAND):
             enter(m, _QLAND if action == _TO_QLAND else _LOITER_ALT_QLAND, t)
             return
-        if not _TO_RTL <= action <= _LAND_OR_RTL or m.mode in (_QLAND, _LOITER_ALT_QLAND):
+        if not _TO_RTL <= action <= _LAND_OR_RTL or m.mode in (_QLAND, _LOITER_ALT_QLAND, _AUTOLAND):
             return
         if action != _TO_RTL and action != _LAND_OR_RTL:
             say(m, MAV_SEVERITY_WARNING, NO_LANDING, 0)
@@ -258,7 +259,7 @@ def failsafes(
     @kernel
     def watch_short(m: Any, t: float) -> None:
         off = m.FS_SHORT_ACTN == _SHORT_OFF
-        if m.radio_lost and not off and m.failsafe_state == _NONE:
+        if m.radio_lost and not off and m.failsafe_state == _NONE and not m.lands_on_wheels:
             m.failsafe_state = _SHORT
             m.short_since = t
             m.mode_before = m.mode
@@ -276,7 +277,7 @@ def failsafes(
 
     @kernel
     def watch_long(m: Any, t: float) -> None:
-        if m.failsafe_state < _LONG:
+        if m.failsafe_state < _LONG and not m.lands_on_wheels:
             watched = m.FS_GCS_ENABL in _ALWAYS or (m.FS_GCS_ENABL == _IN_AUTO and m.mode == _AUTO)
             since = m.short_since if m.failsafe_state == _SHORT else m.radio_heard
             if m.radio_lost and t - since > m.FS_LONG_TIMEOUT:

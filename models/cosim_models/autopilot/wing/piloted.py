@@ -30,10 +30,10 @@ from cosim_models.autopilot.gcs.sticks import PITCH, ROLL, YAW, deflection, open
 from cosim_models.autopilot.wing.flight import CLIMB_P, bank_for, clip, servos
 
 __all__ = ["PILOT_MEMORY", "PILOT_PARAMETERS", "begin_pilot", "by_hand", "circling_bank", "demand", "mix_sticks"]
-__all__ += ["roll_stick"]
+__all__ += ["line_bank", "roll_stick"]
 
 _MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _CRUISE = 0, 1, 2, 3, 4, 7
-_FIRST_AUTO, _LAST_AUTO, _QRTL, _LOITER_ALT_QLAND = 10, 15, 21, 25  # modes that fly by themselves
+_FIRST_AUTO, _LAST_AUTO, _QRTL, _LOITER_ALT_QLAND, _AUTOLAND = 10, 15, 21, 25, 26  # modes that fly by themselves
 _FBW, _NO_PITCH = 1, 4  # STICK_MIXING
 _GENTLE = math.radians(25.0)  # bank that is always permitted
 _STEEPEST = math.radians(85.0)
@@ -183,7 +183,7 @@ def mix_sticks(m: Any, t: float) -> None:
     for i in range(4):
         m.sticks_known = m.sticks_known or overridden(m, i, t)
     flies = m.STICK_MIXING in (_FBW, _NO_PITCH) and (
-        _FIRST_AUTO <= m.mode <= _LAST_AUTO or m.mode in (_QRTL, _LOITER_ALT_QLAND)
+        _FIRST_AUTO <= m.mode <= _LAST_AUTO or m.mode in (_QRTL, _LOITER_ALT_QLAND, _AUTOLAND)
     )
     m.mixes = m.sticks_known and (flies or m.mode == _CIRCLE)
     if not m.mixes:
@@ -216,8 +216,8 @@ def _climb(m: Any, t: float, h: float) -> float:
 
 
 @kernel
-def _line_bank(m: Any) -> float:
-    """Returns the bank [rad] that leads to the line of CRUISE and along it."""
+def line_bank(m: Any) -> float:
+    """Returns the bank [rad] that leads to the line `m.line` and along it."""
     c, s = math.cos(m.line[2]), math.sin(m.line[2])
     right = (m.position[1] - m.line[1]) * c - (m.position[0] - m.line[0]) * s
     return bank_for(m, m.line[2] - math.atan(right / (_LOOK_AHEAD * max(_speed(m), _LOCKING_SPEED))), 0.0)
@@ -234,7 +234,7 @@ def _cruising_bank(m: Any, t: float) -> float:
         if m.centred_since >= 0.0 and t - m.centred_since > _LOCKING_TIME:
             m.on_line = True
             m.line[0], m.line[1], m.line[2] = m.position[0], m.position[1], math.atan2(ve, vn)
-    return _line_bank(m) if m.on_line else roll_stick(m, t)
+    return line_bank(m) if m.on_line else roll_stick(m, t)
 
 
 @kernel

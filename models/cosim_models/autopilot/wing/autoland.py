@@ -1,0 +1,275 @@
+"""AUTOLAND of planes: the landing at home, against the direction of which the plane took off.
+
+That direction is the course over ground of the first flight after arming in TAKEOFF, AUTO, or a mode of a pilot without
+the autopilot's throttle, plus AUTOLAND_DIR_OFF; with AUTOLAND_OPTIONS 1, it is the heading at arming. The plane circles
+beside the final's beginning, which is AUTOLAND_WP_DIST before home and AUTOLAND_WP_ALT high, on the side where it is,
+until it has this height (within 5 m) and heads for home (within 10 degrees, 10 more for each circle). On the final it
+follows a slope to the point where the flare begins, at LAND_FLARE_ALT or LAND_FLARE_SEC before the ground; then the
+throttle is closed, the bank is within LEVEL_ROLL_LIMIT, and it is disarmed when it has stood for LAND_DISARMDELAY.
+Kernels over a record with `AUTOLAND_PARAMETERS` and `AUTOLAND_MEMORY` beside what `wing.flight` and `wing.piloted`
+need.
+
+Differences from ArduPlane: slope and flare are flown by the loops of `wing.flight` instead of TECS; no compensation of
+a head wind, no rangefinder, no abort.
+
+Source: ArduPilot, ArduPlane/mode_autoland.cpp, commands_logic.cpp (verify_loiter_to_alt), mode_loiter.cpp
+(isHeadingLinedUp), mode.h (modes whose course counts), AP_Landing_Slope.cpp, Plane.cpp (disarm_if_autoland_complete).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim import Memory, Parameter
+from cosim.frames import roll_pitch_from_quaternion, wrap_pi
+from cosim.kernel import kernel
+from cosim.messages import MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
+from cosim_models.autopilot.gcs.record import angle, real, whole
+from cosim_models.autopilot.gcs.streams import heading
+from cosim_models.autopilot.gcs.targets import go_to
+from cosim_models.autopilot.gcs.words import (
+    AUTO_DISARMED,
+    CIRCLED,
+    DIRECTION,
+    FLARES,
+    LANDED_AT,
+    LANDING_BEGINS,
+    NO_DIRECTION,
+    NOT_FLYING,
+    SLOPE,
+    say,
+    say_figures,
+)
+from cosim_models.autopilot.wing.flight import CLIMB_P, circle_round, clip, cruise_speed, fly, servos
+from cosim_models.autopilot.wing.piloted import line_bank
+
+__all__ = ["AUTOLAND_MEMORY", "AUTOLAND_PARAMETERS", "begin_autoland", "land_on_wheels", "note_arming"]
+__all__ += ["watch_autoland"]
+
+_NONE, _CIRCLES, _FINAL, _APPROACH, _FLARE, _DISARMED = range(6)  # m.landing_stage
+_ON_ARMING = 1  # AUTOLAND_OPTIONS
+_COUNTS = (0, 2, 3, 4, 5, 8, 10, 13)  # MANUAL, STABILIZE, TRAINING, ACRO, FBWA, AUTOTUNE, AUTO, TAKEOFF
+_AUTOLAND = 26
+_COURSE_SPEED = 5.0  # m/s, from which on the course is known
+_SHARE = 0.333  # of AUTOLAND_WP_DIST, at most for the radius of the circle
+_ON_CIRCLE, _CLOSE = 1.1, 5.0  # of the radius; m from the height
+_AHEAD = math.radians(10.0)
+_ON_LINE = 5.0  # m
+_EARLY, _HALF = 0.15, 0.5  # of the final
+_FLARE_SHARE = 0.5  # of the sink rate in the flare that it takes away: LAND_FLARE_EFF
+_FLARE_RATE, _FLARE_GAIN = 0.5, 1.0  # 1/s, of the height in the flare; of the error of the path
+
+AUTOLAND_PARAMETERS = (
+    real("AUTOLAND_WP_ALT", "m", 55.0, "height above home at which the final of AUTOLAND begins"),
+    real("AUTOLAND_WP_DIST", "m", 400.0, "distance from home at which the final of AUTOLAND begins", 1.0),
+    Parameter(
+        "AUTOLAND_DIR_OFF",
+        unit="deg",
+        start=0.0,
+        minimum=-360.0,
+        maximum=360.0,
+        tunable=True,
+        description="direction of the landing beside that of the take-off",
+    ),
+    whole("AUTOLAND_OPTIONS", 0, "1: the direction of the take-off is the heading at arming"),
+    real("LAND_FLARE_ALT", "m", 3.0, "height above home at which the flare begins"),
+    real("LAND_FLARE_SEC", "s", 2.0, "time before the ground at which the flare begins"),
+    real("LAND_DISARMDELAY", "s", 20.0, "time on the ground after which it is disarmed, 0: it stays armed"),
+    Parameter(
+        "TECS_LAND_ARSPD",
+        unit="m/s",
+        start=-1.0,
+        minimum=-1.0,
+        maximum=127.0,
+        tunable=True,
+        description="speed of the final; -1: between AIRSPEED_MIN and AIRSPEED_CRUISE",
+    ),
+    real("TECS_LAND_SINK", "m/s", 0.25, "rate of descent at the touch-down"),
+    angle("LEVEL_ROLL_LIMIT", 5.0, "greatest bank in the flare"),
+)
+AUTOLAND_MEMORY = (
+    Memory("direction_known", dtype="?", rare=True),  # of the take-off
+    Memory("direction", rare=True),  # rad
+    Memory("landing_stage", dtype="i4", rare=True),
+    Memory("landing_circle", shape=3, rare=True),  # m, m, m: north, east, radius; to the left: negative
+    Memory("landing_turned", rare=True),  # rad, on the circle since the height is there; -1: it is not there yet
+    Memory("stands_since", rare=True),  # s
+)
+
+
+@kernel
+def _note_direction(m: Any, direction: float) -> None:
+    m.direction_known = True
+    m.direction = direction % (2.0 * math.pi)
+    say(m, MAV_SEVERITY_INFO, DIRECTION, int(math.degrees(m.direction) + 1e-9))
+
+
+@kernel
+def note_arming(m: Any) -> None:
+    """Takes the heading for the direction of the take-off, if AUTOLAND_OPTIONS says so; required when it is armed."""
+    m.direction_known = False
+    if m.AUTOLAND_OPTIONS & _ON_ARMING != 0:
+        _note_direction(m, heading(m))
+
+
+@kernel
+def begin_autoland(m: Any) -> bool:
+    """Begins AUTOLAND; returns False, and says why, if it cannot."""
+    if m.on_ground or not m.direction_known:
+        say(m, MAV_SEVERITY_WARNING, NOT_FLYING if m.on_ground else NO_DIRECTION, 0)
+        return False
+    c, s = math.cos(m.direction), math.sin(m.direction)
+    n, e = m.home[0] - m.AUTOLAND_WP_DIST * c, m.home[1] - m.AUTOLAND_WP_DIST * s
+    right = (m.position[1] - e) * c - (m.position[0] - n) * s
+    radius = float(int(min(_SHARE * m.AUTOLAND_WP_DIST, m.WP_LOITER_RAD)))
+    side = radius if right >= 0.0 else -radius
+    m.landing_stage = _CIRCLES
+    m.landing_turned = -1.0
+    m.line[0], m.line[1], m.line[2] = n, e, m.direction
+    m.landing_circle[0], m.landing_circle[1], m.landing_circle[2] = n - side * s, e + side * c, side
+    go_to(m, m.landing_circle[0], m.landing_circle[1], m.home[2] - m.AUTOLAND_WP_ALT)
+    return True
+
+
+@kernel
+def _speed(m: Any) -> float:
+    return math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
+
+
+@kernel
+def _left(m: Any) -> float:
+    """Returns how far home is along the final [m], negative beyond it."""
+    c, s = math.cos(m.direction), math.sin(m.direction)
+    return float((m.home[0] - m.position[0]) * c + (m.home[1] - m.position[1]) * s)
+
+
+@kernel
+def _target_distance(m: Any) -> float:
+    n, e = m.guided_position[0] - m.position[0], m.guided_position[1] - m.position[1]
+    return math.sqrt(n * n + e * e)
+
+
+@kernel
+def _circle(m: Any, h: float) -> None:
+    n, e, side = m.landing_circle[0], m.landing_circle[1], m.landing_circle[2]
+    radius = abs(side)
+    dn, de = m.position[0] - n, m.position[1] - e
+    round_it = math.sqrt(dn * dn + de * de) < _ON_CIRCLE * radius
+    if m.landing_turned >= 0.0:
+        m.landing_turned += _speed(m) / radius * h
+    elif round_it and abs(m.position[2] - m.guided_position[2]) < _CLOSE:
+        m.landing_turned = 0.0
+    fly(m, circle_round(m, n, e, radius, 1.0 if side > 0.0 else -1.0), m.guided_position[2], cruise_speed(m), h)
+    if m.landing_turned < 0.0:
+        return
+    course = math.atan2(m.velocity[1], m.velocity[0])
+    bearing = math.atan2(m.home[1] - m.position[1], m.home[0] - m.position[0])
+    margin = _AHEAD * (1.0 + math.floor(m.landing_turned / (2.0 * math.pi)))
+    if abs(wrap_pi(course - bearing)) <= margin:
+        m.landing_stage = _FINAL
+        say(m, MAV_SEVERITY_INFO, CIRCLED, 0)
+        height = m.home[2] - m.position[2]
+        say_figures(m, MAV_SEVERITY_INFO, LANDING_BEGINS, (height, 0.0, 0.0, 0.0))
+        go_to(m, m.home[0], m.home[1], m.home[2])
+
+
+@kernel
+def _slope(m: Any) -> tuple[float, float, float]:
+    """Returns the slope of the final, and distance from home and height [m] of the point where its flare begins."""
+    total, speed = float(m.AUTOLAND_WP_DIST), max(_speed(m), 0.5)
+    sink = m.AUTOLAND_WP_ALT / max(total / speed, 0.5)
+    aim = m.LAND_FLARE_SEC * sink
+    if aim <= 0.0:
+        aim = m.LAND_FLARE_ALT
+    if m.LAND_FLARE_ALT > 0.0:
+        aim = min(aim, 2.0 * m.LAND_FLARE_ALT)
+    mean = max(_FLARE_SHARE * m.TECS_LAND_SINK + (1.0 - _FLARE_SHARE) * sink, 0.1)
+    distance = min(speed * aim / mean, 0.5 * total)
+    return float((m.AUTOLAND_WP_ALT - aim) / (total - distance)), float(distance), float(aim)
+
+
+@kernel
+def _final_speed(m: Any) -> float:
+    if m.TECS_LAND_ARSPD >= 0.0:
+        return float(min(m.TECS_LAND_ARSPD, m.AIRSPEED_CRUISE))
+    return 0.5 * float(m.AIRSPEED_CRUISE + m.AIRSPEED_MIN)
+
+
+@kernel
+def _is_on_approach(m: Any, done: float) -> bool:
+    """Returns whether the approach begins, by the share of the final that is done."""
+    c, s = math.cos(m.direction), math.sin(m.direction)
+    right = (m.position[1] - m.line[1]) * c - (m.position[0] - m.line[0]) * s
+    ahead = abs(wrap_pi(math.atan2(m.velocity[1], m.velocity[0]) - m.direction)) < _AHEAD
+    below = m.home[2] - m.position[2] < m.AUTOLAND_WP_ALT
+    return bool(
+        (done >= 0.0 and ahead and abs(right) < _ON_LINE) or (done > _EARLY and ahead and below) or done > _HALF
+    )
+
+
+@kernel
+def _descend(m: Any, h: float) -> None:
+    """Follows the final down to the flare."""
+    left = _left(m)
+    done = 1.0 - left / m.AUTOLAND_WP_DIST
+    slope, from_home, aim = _slope(m)
+    if m.landing_stage == _FINAL:
+        if _is_on_approach(m, done):
+            m.landing_stage = _APPROACH
+            say_figures(m, MAV_SEVERITY_INFO, SLOPE, (math.degrees(math.atan(slope)), 0.0, 0.0, 0.0))
+        else:
+            slope, from_home, aim = m.AUTOLAND_WP_ALT / m.AUTOLAND_WP_DIST, 0.0, 0.0
+    height = clip(aim + slope * (left - from_home), 0.0, m.AUTOLAND_WP_ALT)
+    sink = slope * _speed(m) if 0.0 < height < m.AUTOLAND_WP_ALT else 0.0
+    speed = _final_speed(m) if m.landing_stage == _APPROACH else cruise_speed(m)
+    fly(m, line_bank(m), m.home[2] - height + sink / CLIMB_P, speed, h)
+    above, falls = m.home[2] - m.position[2], float(m.velocity[2])
+    low = above <= m.LAND_FLARE_ALT or (m.LAND_FLARE_SEC > 0.0 and above <= falls * m.LAND_FLARE_SEC and done > _HALF)
+    if (m.landing_stage == _APPROACH and low) or done >= 1.0:
+        m.landing_stage = _FLARE
+        say_figures(m, MAV_SEVERITY_INFO, FLARES, (above, falls, _speed(m), _target_distance(m)))
+
+
+@kernel
+def _flare(m: Any, h: float) -> None:
+    """Lets it settle with the throttle closed."""
+    most = math.radians(m.LEVEL_ROLL_LIMIT)
+    _, nose = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+    speed = max(_speed(m), 5.0)
+    path = -m.velocity[2] / speed
+    wanted = -max(float(m.TECS_LAND_SINK), _FLARE_RATE * float(m.home[2] - m.position[2])) / speed
+    pitch = clip(nose - path + wanted + _FLARE_GAIN * (wanted - path), 0.0, math.radians(m.PTCH_LIM_MAX_DEG))
+    servos(m, clip(line_bank(m), -most, most), pitch, 0.0, h)
+
+
+@kernel
+def land_on_wheels(m: Any, h: float) -> None:
+    """Flies AUTOLAND."""
+    if m.landing_stage == _CIRCLES:
+        _circle(m, h)
+    elif m.landing_stage < _FLARE:
+        _descend(m, h)
+    else:
+        _flare(m, h)
+
+
+@kernel
+def watch_autoland(m: Any, t: float) -> None:
+    """Notes the direction of the take-off, and disarms after the landing; required ten times a second."""
+    if not m.armed:
+        if m.landing_stage == _DISARMED:
+            say(m, MAV_SEVERITY_INFO, AUTO_DISARMED, 0)
+            say_figures(m, MAV_SEVERITY_INFO, LANDED_AT, (_target_distance(m), 0.0, 0.0, 0.0))
+        m.landing_stage, m.direction_known = _NONE, False
+    elif not m.direction_known:
+        if not m.on_ground and m.mode in _COUNTS and _speed(m) > _COURSE_SPEED:
+            _note_direction(m, math.atan2(m.velocity[1], m.velocity[0]) + math.radians(m.AUTOLAND_DIR_OFF))
+    elif m.mode != _AUTOLAND:
+        m.landing_stage = _NONE
+    elif not m.on_ground:
+        m.stands_since = t
+    elif m.landing_stage >= _FLARE and m.LAND_DISARMDELAY > 0.0 and t - m.stands_since >= m.LAND_DISARMDELAY - 1e-9:
+        m.armed = False
+        m.landing_stage = _DISARMED
+    m.lands_on_wheels = m.landing_stage >= _FINAL
