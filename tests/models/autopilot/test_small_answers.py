@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.models.autopilot.test_plane_pilot import high
 from tests.models.autopilot.test_small_autopilots import RTL, SET_MODE, WAYPOINT, started, upload
-from tests.models.pair import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Pair, degrees_of
+from tests.models.pair import ACCEPTED, ALTITUDE, DENIED, FAILED, UNSUPPORTED, Pair, degrees_of
 
 ARM, HOME, CURRENT = (
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
@@ -490,3 +492,23 @@ def test_a_part_of_a_mission_is_written(kind: str) -> None:
         item = p.last("MISSION_ITEM_INT")
         assert (item.seq, item.x, item.y) == (number, *degrees_of(north, east))
     assert p.last("MISSION_COUNT").count == 4
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_airspeed_is_that_of_a_sensor_calibrated_for_the_sea_level(kind: str) -> None:
+    """The sensor takes the dynamic pressure for that of air at the sea."""
+    p = high(15) if kind == "plane" else started(kind)
+    p.heard.clear()
+    assert p.ask(REQUEST, mavlink.MAVLINK_MSG_ID_AIRSPEED) == ACCEPTED
+    assert p.ask(INTERVAL, mavlink.MAVLINK_MSG_ID_AIRSPEED, 1e6) == ACCEPTED
+    p.until(p.time + 2.5)
+    sent = [m for m in p.heard if m.get_type() == "AIRSPEED"]
+    assert len(sent) == (0 if kind == "rover" else 3)
+    height = ALTITUDE - p.place[2]
+    density = (1.0 - 2.25577e-5 * height) ** 4.25588  # of the standard atmosphere, over that at the sea
+    for message in sent:
+        assert (message.id, message.flags) == (0, mavlink.AIRSPEED_SENSOR_USING)
+        assert message.temperature == pytest.approx(1500.0 - 0.65 * height, abs=3.0)
+        air = float(np.linalg.norm(p.m.velocity - p.m.wind_estimate))
+        assert message.airspeed == pytest.approx(math.sqrt(density) * air, abs=0.3)
+        assert message.raw_press == pytest.approx(0.01 * message.airspeed**2 / 1.9936, rel=1e-5)

@@ -61,8 +61,10 @@ from cosim.messages import (
 )
 from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILABLE_MODES_MONITOR
 
-__all__ = ["MODES_ROW", "ROWS", "group_of", "is_absent", "message_of", "row_of"]
+__all__ = ["AIRSPEED", "MODES_ROW", "ROWS", "group_of", "is_absent", "message_of", "row_of"]
 
+AIRSPEED = cast(int, np.int64(295))
+"""A message that `cosim.messages` does not have."""
 _NONE = 0  # in no MAV_DATA_STREAM
 _TABLE = (
     (HEARTBEAT, _NONE),
@@ -107,6 +109,7 @@ _TABLE = (
     (ATTITUDE_TARGET, _NONE),
     (AVAILABLE_MODES, _NONE),
     (AVAILABLE_MODES_MONITOR, _NONE),
+    (AIRSPEED, MAV_DATA_STREAM_RAW_SENSORS),
 )
 ROWS = len(_TABLE)
 MODES_ROW = cast(int, np.int64([message for message, _ in _TABLE].index(AVAILABLE_MODES)))
@@ -135,7 +138,7 @@ _ABSENT_IDS = (
     259,
     260,
 )
-_ABSENT = np.array((*_ABSENT_IDS, 262, 269, 271, 280, 281, 285, 295, 301, 373))
+_ABSENT = np.array((*_ABSENT_IDS, 262, 269, 271, 280, 281, 285, 301, 373))
 """Ids of messages that ArduPilot knows and does not send, as that of which they tell is not on board."""
 
 

@@ -22,7 +22,9 @@ from cosim.messages import (
     HIGH_LATENCY2,
     HIGHRES_IMU,
     HWSTATUS,
+    MAV_TYPE_GROUND_ROVER,
     MAV_TYPE_QUADROTOR,
+    MAV_TYPE_SURFACE_BOAT,
     MEMINFO,
     NAV_CONTROLLER_OUTPUT,
     POWER_STATUS,
@@ -61,9 +63,12 @@ from cosim.messages import (
     put_autopilot_state_for_gimbal_device_q,
     put_battery_status_voltages,
 )
+from cosim.packets import put_f32, put_i16, put_u8
+from cosim_models.autopilot.gcs.rows import AIRSPEED
+from cosim_models.autopilot.gcs.sending import send_defined
 from cosim_models.autopilot.gcs.sticks import pulse_of
 
-__all__ = ["put_sensed", "put_terrain"]
+__all__ = ["put_sensed", "put_terrain", "send_airspeed"]
 
 _GRAVITY = 9.80665
 _SEA_LEVEL, _LAPSE, _TEMPERATURE, _EXPONENT = 1013.25, 0.0065, 288.15, 5.25588  # hPa, K/m, K
@@ -74,6 +79,9 @@ _UNKNOWN = 65535  # of a voltage
 _SPACING = 100  # m between the points of a terrain grid
 _FIELDS = 0x3F + 0x200 + 0x800 + 0x1000  # HIGHRES_IMU_UPDATED_FLAGS: acceleration, rates, pressure, height, temperature
 _GOOD = 831  # EKF_STATUS_FLAGS with a position
+_AIRSPEED_CRC, _AIRSPEED_LENGTH = 234, 12
+_PITOT = 1.9936  # m2/(s2 Pa), ARSPD_RATIO
+_USED = 2  # AIRSPEED_SENSOR_FLAGS
 _SENSED = 5.0  # HIGH_LATENCY2 carries speeds in 0.2 m/s
 
 
@@ -264,3 +272,24 @@ def put_sensed(m: Any, message: int, t: float) -> bool:
     else:
         return _put_motion(m, message, t)
     return True
+
+
+@kernel
+def send_airspeed(m: Any) -> bool:
+    """Sends AIRSPEED of a plane; true, too, if the vehicle has no such sensor.
+
+    It is the velocity less the estimated wind, as a sensor calibrated for the sea level has it.
+    """
+    if m.kind in (MAV_TYPE_QUADROTOR, MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT):
+        return True
+    v, w = m.velocity, m.wind_estimate
+    n, e, d = v[0] - w[0], v[1] - w[1], v[2] - w[2]
+    hectopascal, celsius = _air(m)
+    thin = hectopascal / _SEA_LEVEL * _TEMPERATURE / (celsius + _FREEZING)
+    square = thin * (n * n + e * e + d * d)
+    put_f32(m.payload, 0, math.sqrt(square))
+    put_f32(m.payload, 4, 0.01 * square / _PITOT)
+    put_i16(m.payload, 8, _short(100.0 * celsius))
+    put_u8(m.payload, 10, 0)
+    put_u8(m.payload, 11, _USED)
+    return send_defined(m, AIRSPEED, _AIRSPEED_CRC, _AIRSPEED_LENGTH)

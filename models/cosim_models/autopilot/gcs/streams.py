@@ -78,9 +78,9 @@ from cosim.messages import (
 from cosim.packets import clear
 from cosim_models.autopilot.gcs.devices import continue_repetition
 from cosim_models.autopilot.gcs.modes import MODES_INTERVAL, NEVER, send_modes
-from cosim_models.autopilot.gcs.rows import MODES_ROW, ROWS, message_of
+from cosim_models.autopilot.gcs.rows import AIRSPEED, MODES_ROW, ROWS, message_of
 from cosim_models.autopilot.gcs.sending import send
-from cosim_models.autopilot.gcs.sensors import put_sensed
+from cosim_models.autopilot.gcs.sensors import put_sensed, send_airspeed
 from cosim_models.autopilot.gcs.words import ARMED, DISARMED, say
 from cosim_models.autopilot.link.available_modes import AVAILABLE_MODES, AVAILABLE_MODES_MONITOR
 
@@ -276,6 +276,8 @@ def send_message(m: Any, row: int, t: float) -> bool:
     """Sends the message of a row; true, too, if there is nothing to report yet."""
     if message_of(row) in (AVAILABLE_MODES, AVAILABLE_MODES_MONITOR):
         return send_modes(m, message_of(row))
+    if message_of(row) == AIRSPEED:
+        return send_airspeed(m)
     if message_of(row) in (
         GLOBAL_POSITION_INT,
         GPS_RAW_INT,

@@ -41,7 +41,7 @@ from cosim_models.autopilot.gcs.words import (
     say,
     say_figures,
 )
-from cosim_models.autopilot.wing.flight import CLIMB_P, circle_round, clip, cruise_speed, fly, servos
+from cosim_models.autopilot.wing.flight import CLIMB_P, bank_for, clip, cruise_speed, fly, servos
 from cosim_models.autopilot.wing.piloted import line_bank
 
 __all__ = ["AUTOLAND_MEMORY", "AUTOLAND_PARAMETERS", "begin_autoland", "land_on_wheels", "note_arming"]
@@ -53,7 +53,7 @@ _COUNTS = (0, 2, 3, 4, 5, 8, 10, 13)  # MANUAL, STABILIZE, TRAINING, ACRO, FBWA,
 _AUTOLAND = 26
 _COURSE_SPEED = 5.0  # m/s, from which on the course is known
 _SHARE = 0.333  # of AUTOLAND_WP_DIST, at most for the radius of the circle
-_ON_CIRCLE, _CLOSE = 1.1, 5.0  # of the radius; m from the height
+_ON_CIRCLE, _CLOSE = 0.1, 5.0  # of the radius beyond it; m from the height
 _AHEAD = math.radians(10.0)
 _ON_LINE = 5.0  # m
 _EARLY, _HALF = 0.15, 0.5  # of the final
@@ -154,13 +154,16 @@ def _target_distance(m: Any) -> float:
 def _circle(m: Any, h: float) -> None:
     n, e, side = m.landing_circle[0], m.landing_circle[1], m.landing_circle[2]
     radius = abs(side)
+    turn = 1.0 if side > 0.0 else -1.0
     dn, de = m.position[0] - n, m.position[1] - e
-    round_it = math.sqrt(dn * dn + de * de) < _ON_CIRCLE * radius
+    miss = math.sqrt(dn * dn + de * de) / radius - 1.0
+    course = math.atan2(de, dn) + turn * (0.5 * math.pi + math.atan(2.0 * miss))
+    bank = bank_for(m, course, turn * _speed(m) / radius / (1.0 + 4.0 * miss * miss))
+    fly(m, bank, m.guided_position[2], cruise_speed(m), h)
     if m.landing_turned >= 0.0:
         m.landing_turned += _speed(m) / radius * h
-    elif round_it and abs(m.position[2] - m.guided_position[2]) < _CLOSE:
+    elif miss < _ON_CIRCLE and abs(m.position[2] - m.guided_position[2]) < _CLOSE:
         m.landing_turned = 0.0
-    fly(m, circle_round(m, n, e, radius, 1.0 if side > 0.0 else -1.0), m.guided_position[2], cruise_speed(m), h)
     if m.landing_turned < 0.0:
         return
     course = math.atan2(m.velocity[1], m.velocity[0])

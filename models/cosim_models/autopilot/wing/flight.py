@@ -31,7 +31,6 @@ __all__ = [
     "bank_for",
     "change_speed",
     "circle",
-    "circle_round",
     "clip",
     "cruise_speed",
     "fly",
@@ -176,20 +175,15 @@ def bank_for(m: Any, course: float, turning: float) -> float:
 
 
 @kernel
-def circle_round(m: Any, n: float, e: float, radius: float, side: float) -> float:
-    """Returns the bank [rad] that leads onto a circle around a place and along it, clockwise (`side` 1) or not (-1)."""
+def circle(m: Any, n: float, e: float) -> float:
+    """Returns the bank [rad] that leads onto the circle around a place, clockwise, and along it."""
+    radius = float(m.WP_LOITER_RAD)
     dn, de = m.position[0] - n, m.position[1] - e
     distance = math.sqrt(dn * dn + de * de)
     miss = (distance - radius) / radius
-    course = math.atan2(de, dn) + side * 0.5 * math.pi + side * math.atan(2.0 * miss)
+    course = math.atan2(de, dn) + 0.5 * math.pi + math.atan(2.0 * miss)
     speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
-    return bank_for(m, course, side * speed / radius / (1.0 + 4.0 * miss * miss))
-
-
-@kernel
-def circle(m: Any, n: float, e: float) -> float:
-    """Returns the bank [rad] that leads onto the circle around a place, clockwise, and along it."""
-    return circle_round(m, n, e, float(m.WP_LOITER_RAD), 1.0)
+    return bank_for(m, course, speed / radius / (1.0 + 4.0 * miss * miss))
 
 
 @kernel
