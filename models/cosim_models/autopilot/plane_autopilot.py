@@ -335,13 +335,8 @@ def _act(m: Any, t: float, h: float) -> None:
         take_off(m, h)
     elif m.on_ground:
         rest(m)
-    elif m.mode == _AUTOLAND:
-        land_on_wheels(m, h)
     else:
         fly(m, circle(m, m.guided_position[0], m.guided_position[1]), m.guided_position[2], cruise_speed(m), h)
-        if m.mode == _LOITER_ALT_QLAND and not m.told_low and m.position[2] >= m.guided_position[2] - 1.0:
-            m.told_low = True
-            say(m, MAV_SEVERITY_INFO, NO_Q_MODES, 0)
 
 
 # ---- the model -----------------------------------------------------------------------------------------------------
@@ -379,8 +374,18 @@ def _lifted_mode(m: Any) -> int:  # noqa: ARG001
     return -1
 
 
+@kernel
+def _watch_more(m: Any, t: float) -> None:
+    """Watches AUTOLAND, and tells once that LOITER_ALT_QLAND is low."""
+    watch_autoland(m, t)
+    low = m.mode == _LOITER_ALT_QLAND and m.armed and not m.on_ground and not m.told_low
+    if low and m.position[2] >= m.guided_position[2] - 1.0:
+        m.told_low = True
+        say(m, MAV_SEVERITY_INFO, NO_Q_MODES, 0)
+
+
 _reboot = rebooting(VARIABLES, start)
-_watch_failsafes = failsafes(_enter, _lands, _lifted_mode)
+_watch_failsafes = failsafes(_enter, _lands, _lifted_mode, _watch_more)
 
 
 @kernel
@@ -396,7 +401,6 @@ def advance(m: Any, t: float, h: float) -> int:
         _receive(m, t)
     if t >= m.failsafe_due:
         _watch_failsafes(m, t)
-        watch_autoland(m, t)
     if t >= m.switch_due:
         _watch_switches(m, t)
     if not m.armed:
@@ -414,7 +418,10 @@ def advance(m: Any, t: float, h: float) -> int:
             estimate_wind(m, t)
         if m.sticks_known:
             mix_sticks(m, t)
-        _act(m, t, h)
+        if m.mode == _AUTOLAND and not m.on_ground:
+            land_on_wheels(m, h)
+        else:
+            _act(m, t, h)
         if m.emergency_stop:
             m.motor[2] = 0.0
     for i in range(3):

@@ -597,8 +597,13 @@ def _lifted_mode(m: Any) -> int:
     return _RTL if m.Q_OPTIONS & _OPTION_RTL != 0 else _QRTL if m.Q_OPTIONS & _OPTION_QRTL != 0 else _QLAND
 
 
+@kernel
+def _watch_more(m: Any, t: float) -> None:
+    pass
+
+
 _reboot = rebooting(VARIABLES, start)
-_watch_failsafes = failsafes(_enter, _lands, _lifted_mode)
+_watch_failsafes = failsafes(_enter, _lands, _lifted_mode, _watch_more)
 
 
 @kernel

@@ -242,7 +242,10 @@ def _battery_events(
 
 
 def failsafes(
-    enter: Callable[[Any, int, float], int], lands: Callable[[Any], bool], lifted: Callable[[Any], int]
+    enter: Callable[[Any, int, float], int],
+    lands: Callable[[Any], bool],
+    lifted: Callable[[Any], int],
+    more: Callable[[Any, float], None],
 ) -> Callable[[Any, float], None]:
     """Returns a kernel of (record, time [s]) that runs the fail-safes; it is required from m.failsafe_due on.
 
@@ -251,6 +254,7 @@ def failsafes(
             MAV_RESULT.
         lands: kernel of (record): whether it is on its way to a vertical landing.
         lifted: kernel of (record): the mode that a loss leads to in this mode on the rotors; -1: it is not on them.
+        more: kernel of (record, time) that is called in each look.
     """
     lose = _long_events(enter, lands, lifted)
     act_on_battery = _battery_events(enter, lands)
@@ -300,6 +304,7 @@ def failsafes(
     @kernel
     def watch(m: Any, t: float) -> None:
         m.failsafe_due = t + _PERIOD - 1e-9
+        more(m, t)
         drain_battery(m, t)
         action = new_action(m, t)
         if action != 0:
