@@ -63,6 +63,7 @@ from cosim_models.autopilot.gcs.missions import (
     tell_reached,
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
+from cosim_models.autopilot.gcs.positioning import start_gps
 from cosim_models.autopilot.gcs.rebooting import rebooting
 from cosim_models.autopilot.gcs.record import HOLD, MISSION, POSITION, pilot_variables, whole
 from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
@@ -573,6 +574,7 @@ def start(m: Any) -> int:
     _rest(m)
     m.lifts = True
     drain_battery(m, 0.0)
+    start_gps(m)
     start_switches(m)
     start_streams(m)
     hold_here(m)

@@ -61,6 +61,7 @@ from cosim_models.autopilot.gcs.missions import (
     tell_reached,
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
+from cosim_models.autopilot.gcs.positioning import start_gps
 from cosim_models.autopilot.gcs.rebooting import rebooting
 from cosim_models.autopilot.gcs.record import (
     ACCELERATION,
@@ -449,7 +450,7 @@ def start(m: Any) -> int:
     m.item_since = -1.0
     home_here(m)
     m.motor[0], m.motor[1] = 0.5, 0.5
-    m.gps_lost_at = -1.0
+    start_gps(m)
     drain_battery(m, 0.0)
     start_switches(m)
     start_streams(m)

@@ -165,3 +165,28 @@ def test_missions_of_quadplanes() -> None:
 def test_a_quadplane_may_be_armed_in_modes_on_the_rotors_alone(mode: int, said: list[str]) -> None:
     assert asked(with_mission((WAYPOINT, 300.0), mode=mode, Q_OPTIONS=1 << 18)) == said
     assert asked(with_mission((TAKEOFF, 0.0), mode=AUTO, Q_OPTIONS=1 << 18)) == []
+
+
+@pytest.mark.parametrize("by_switch", [False, True])
+@pytest.mark.parametrize("kind", ["plane", "quadplane"])
+def test_a_silent_gps_forbids_arming(kind: str, by_switch: bool) -> None:
+    """It has no fix after 4 s, and the position is lost after 7 s."""
+    p = made(kind)
+    p.until(3.0)
+    if by_switch:
+        assert p.ask(mavlink.MAV_CMD_DO_AUX_FUNCTION, 65, 2) == ACCEPTED
+    else:
+        p.m.SIM_GPS1_ENABLE = 0
+    for seconds, said, fix in ((3.5, [], 6), (3.0, [BAD_FIX], 0), (3.0, [AHRS, BAD_FIX], 0)):
+        p.until(p.time + seconds)
+        assert asked(p) == said
+        assert requested(p, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT).fix_type == fix
+    assert requested(p, mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT).flags == 167  # a constant position
+    assert p.ask(ARM, 1) == FAILED
+    assert failing(p, "Arm: ") == [AHRS, BAD_FIX]
+    p.m.SIM_GPS1_ENABLE = 1
+    assert p.ask(mavlink.MAV_CMD_DO_AUX_FUNCTION, 65, 0) == ACCEPTED
+    p.until(p.time + 0.3)
+    assert asked(p) == []
+    assert requested(p, mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT).flags == 831
+    assert p.ask(ARM, 1) == ACCEPTED

@@ -1,13 +1,12 @@
 """The fail-safe of the estimate of rovers and boats: what they do when they do not know where they are.
 
-There is no estimator: the position is that of the inputs. It counts as lost, as that of ArduPilot's filter does, when
-the simulated GPS has been silent (SIM_GPS1_ENABLE 0, or a switch) for 7 s. After a second, while it is armed,
-FS_EKF_ACTION follows: HOLD, or a text alone. Modes that need no position go on. Kernels over a record with
+The position counts as lost when the simulated GPS has been silent for 7 s (`gcs.positioning`). After a second, while
+it is armed, FS_EKF_ACTION follows: HOLD, or a text alone. Modes that need no position go on. Kernels over a record with
 `ESTIMATE_PARAMETERS` and `ESTIMATE_MEMORY`.
 
 Differences from ArduRover: with the text alone, it goes on by its true position, where ArduRover reckons on.
 
-Source: ArduPilot, Rover/ekf_check.cpp, NavEKF3 (posRetryTimeNoVel 7 s), AP_GPS (4 s without data: no fix).
+Source: ArduPilot, Rover/ekf_check.cpp.
 """
 
 from __future__ import annotations
@@ -21,39 +20,21 @@ from cosim.messages import MAV_SEVERITY_CRITICAL
 from cosim_models.autopilot.gcs.record import real, whole
 from cosim_models.autopilot.gcs.words import EKF_CLEARED, EKF_FAILSAFE, EKF_VARIANCE, say
 
-__all__ = ["ESTIMATE_MEMORY", "ESTIMATE_PARAMETERS", "watch_gps", "watching_estimate"]
+__all__ = ["ESTIMATE_MEMORY", "ESTIMATE_PARAMETERS", "watching_estimate"]
 
 _COUNT = 10  # of checks in a row
-_SILENT, _LOST = 4.0, 7.0  # s without GPS
 _WARN_AGAIN = 30.0  # s
 _DISABLED, _REPORT = 0, 2  # FS_EKF_ACTION
-_NEVER = -1.0
 
 ESTIMATE_PARAMETERS = (
     whole("FS_EKF_ACTION", 1, "without a position: 0 nothing, 1 HOLD, 2 a text alone"),
     real("FS_EKF_THRESH", "1", 0.8, "0: the position is never taken as lost"),
-    whole("SIM_GPS1_ENABLE", 1, "0: the simulated GPS is silent"),
 )
 ESTIMATE_MEMORY = (
-    Memory("gps_off", dtype="?", rare=True),  # by a switch
-    Memory("gps_lost_at", rare=True),  # s, -1: it is there
     Memory("ekf_count", dtype="i4", rare=True),
     Memory("ekf_failed", dtype="?", rare=True),
     Memory("ekf_warned_at", rare=True),  # s
 )
-
-
-@kernel
-def watch_gps(m: Any, t: float) -> None:
-    """Looks for how long GPS has been silent."""
-    if m.SIM_GPS1_ENABLE != 0 and not m.gps_off:
-        m.gps_lost_at = _NEVER
-        m.gps_silent, m.position_lost = False, False
-        return
-    if m.gps_lost_at == _NEVER:
-        m.gps_lost_at = t
-    m.gps_silent = t - m.gps_lost_at >= _SILENT - 1e-9
-    m.position_lost = t - m.gps_lost_at >= _LOST - 1e-9
 
 
 @kernel

@@ -21,13 +21,13 @@ from cosim.kernel import kernel
 from cosim.messages import MAV_RESULT_ACCEPTED, MAV_SEVERITY_EMERGENCY, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
 from cosim_models.autopilot.gcs.battery import BATTERY_MEMORY, alarming, battery_parameters, drain
 from cosim_models.autopilot.gcs.contact import CONTACT_MEMORY, station_is_lost
+from cosim_models.autopilot.gcs.positioning import GPS_MEMORY, GPS_PARAMETERS, watch_gps
 from cosim_models.autopilot.gcs.record import real, whole
 from cosim_models.autopilot.gcs.sticks import THROTTLE, overridden, pulse_of
 from cosim_models.autopilot.gcs.words import AUTO_GOES_ON, CLEARED, CRASHED, LOST, say
 from cosim_models.autopilot.surface.estimate import (
     ESTIMATE_MEMORY,
     ESTIMATE_PARAMETERS,
-    watch_gps,
     watching_estimate,
 )
 
@@ -57,6 +57,7 @@ FAILSAFE_PARAMETERS = (
     whole("SIM_RC_FAIL", 0, "1: the simulated receiver gives no pulses"),
     *battery_parameters("an action as of FS_ACTION"),
     *ESTIMATE_PARAMETERS,
+    *GPS_PARAMETERS,
 )
 FAILSAFE_MEMORY = (
     Memory("failsafe_due", rare=True),  # s
@@ -67,6 +68,7 @@ FAILSAFE_MEMORY = (
     *CONTACT_MEMORY,
     *BATTERY_MEMORY,
     *ESTIMATE_MEMORY,
+    *GPS_MEMORY,
 )
 
 

@@ -94,7 +94,7 @@ def _fail_mode(m: Any, text: int) -> bool:
 @kernel
 def _position(m: Any, t: float) -> bool:
     passes = True
-    if not ready(m, t) or m.gps_silent:
+    if not ready(m, t) or m.position_lost:
         passes = _fail(m, ARM_AHRS, 0.0)
     if not reached(m, t, GPS_AT) or m.gps_silent:
         return _fail(m, ARM_GPS, 1.0)

@@ -31,6 +31,7 @@ from cosim_models.autopilot.gcs.battery import (
     drain,
 )
 from cosim_models.autopilot.gcs.contact import CONTACT_MEMORY, is_unreported, station_is_lost
+from cosim_models.autopilot.gcs.positioning import GPS_MEMORY, GPS_PARAMETERS, watch_gps
 from cosim_models.autopilot.gcs.record import real, whole
 from cosim_models.autopilot.gcs.sticks import THROTTLE, is_held, receiver_pulse
 from cosim_models.autopilot.gcs.words import (
@@ -91,6 +92,7 @@ FAILSAFE_PARAMETERS = (
     ),
     whole("THR_FS_VALUE", 950, "greatest throttle pulse that means a lost radio, us"),
     whole("SIM_RC_FAIL", 0, "1: the simulated receiver gives no pulses; 2: sticks centred, throttle 950 us"),
+    *GPS_PARAMETERS,
     *battery_parameters(
         "0 none, 1 RTL, 2 landing, 3 termination, 4 QLAND, 5 parachute, 6 LOITER_ALT_QLAND, 7 AUTOLAND"
     ),
@@ -107,6 +109,7 @@ FAILSAFE_MEMORY = (
     Memory("radio_lost", dtype="?", rare=True),
     Memory("radio_known", dtype="?", rare=True),  # it has been heard
     *CONTACT_MEMORY,
+    *GPS_MEMORY,
     *BATTERY_MEMORY,
 )
 
@@ -305,6 +308,8 @@ def failsafes(
     def watch(m: Any, t: float) -> None:
         m.failsafe_due = t + _PERIOD - 1e-9
         more(m, t)
+        if m.SIM_GPS1_ENABLE == 0 or m.gps_off or m.gps_lost_at >= 0.0:
+            watch_gps(m, t)
         drain_battery(m, t)
         action = new_action(m, t)
         if action != 0:

@@ -50,6 +50,7 @@ ASSISTS, FORCED, FORBIDDEN = (cast(int, np.int64(i)) for i in range(3))
 """The rotors' help on the wing, `assistance`."""
 _INVERTED, _ASSIST, _AIR_MODE, _RESET, _EMERGENCY_LANDING = 43, 82, 84, 96, 157
 _LOW, _MIDDLE = 0, 1
+_GPS = 65
 _IDLE = (22, 64, 86, 87, 88, 89, 91, 95, 106, 107, 155, 160, 173, 176, 180, 208, 209, 210)
 """For parachute, reverse thrust, terrain, crow flaps, soaring, flare, airspeed sensor, tail wheel, tuning, trims,
 landings, weather vane, forward throttle, flaps and air brakes."""
@@ -95,7 +96,9 @@ def own_functions(arm: Callable[[Any, bool, float], int]) -> Callable[[Any, int,
 
     @kernel
     def use_own(m: Any, function: int, at: int, t: float) -> bool:
-        if function == _RESET:
+        if function == _GPS:
+            m.gps_off = at == HIGH
+        elif function == _RESET:
             return_to_switch(m, t)
         elif function == ARM_AIR_MODE:
             if at == HIGH and not m.armed:
