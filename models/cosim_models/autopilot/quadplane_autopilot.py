@@ -180,7 +180,11 @@ _FREE = (*_BY_HAND, _QSTABILIZE, _QACRO)  # need no position
 _ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of them it is in the air
 _CLIMBED = 0.5  # m below the end of a vertical take-off
-_LANDED_SPEED, _LANDED_TIME = 0.1, 5.0  # m/s and s: slower than commanded for so long is landed
+_LANDED_SPEED, _LANDED_TIME = (
+    0.1,
+    6.2,
+)  # m/s and s: slower than commanded for so long is landed; ArduPlane: its throttle
+# is at its lower limit about 1.2 s after the touch-down, and 5 s later it has landed
 _STATE_MC, _STATE_FW = 3, 4
 _OPTION_QRTL, _OPTION_RTL = 1 << 5, 1 << 20  # Q_OPTIONS
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane

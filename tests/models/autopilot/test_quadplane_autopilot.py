@@ -244,6 +244,18 @@ def test_it_returns_on_the_wing_at_rtl_altitude_and_sinks_to_that_of_qrtl() -> N
     assert p.place == pytest.approx([0.0, 0.0, 0.0], abs=0.3)
 
 
+def test_it_is_disarmed_6_2_s_after_it_touches_down() -> None:
+    p = hovering()
+    assert p.ask(SET_MODE, 1, QLAND) == ACCEPTED
+    touched = math.inf
+    while p.m.armed:
+        p.one_step()
+        if p.place[2] > -0.02 and touched == math.inf:
+            touched = p.time
+        assert p.time < 60.0
+    assert p.time - touched == pytest.approx(6.2, abs=0.3)
+
+
 def test_it_tells_how_far_its_return_is() -> None:
     p = hovering(pilot={"Q_RTL_ALT_MIN": 8.0})  # it is high enough
     p.heard.clear()
