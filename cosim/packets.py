@@ -46,6 +46,7 @@ __all__ = [
     "Bytes",
     "clear",
     "component",
+    "copy",
     "decode_base64",
     "definition",
     "encode_base64",
@@ -120,6 +121,7 @@ _CRC = 2
 _SIGNATURE = 13
 _FLAG_SIGNED = 0x01
 _EQUALS = 61  # "="
+_ONE, _TWO, _THREE, _FOUR = np.uintp(1), np.uintp(2), np.uintp(3), np.uintp(4)
 
 
 def _x25_table() -> NDArray[np.uint16]:
@@ -138,6 +140,15 @@ def _base64_values(alphabet: bytes) -> NDArray[np.int8]:
     return values
 
 
+def _rows_of_bytes() -> NDArray[np.int16]:
+    """Returns the rows of the messages whose ids are at most 255; -1: no message has this id."""
+    rows = np.full(256, -1, np.int16)
+    for row, message in enumerate(MESSAGE_IDS):
+        if message < rows.size:
+            rows[message] = row
+    return rows
+
+
 def _with_zero_bytes(table: NDArray[np.uint16], number: int) -> NDArray[np.uint16]:
     """Returns the CRC of each byte that is followed by this number of zero bytes."""
     following = table
@@ -151,6 +162,7 @@ _X25_1, _X25_2, _X25_3 = (_with_zero_bytes(_X25, number) for number in (1, 2, 3)
 _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 _BASE64 = np.frombuffer(_ALPHABET, np.uint8).copy()
 _BASE64_VALUES = _base64_values(_ALPHABET)
+_ROWS_OF_BYTES = _rows_of_bytes()
 
 
 # -- numbers in a payload, little-endian ----------------------------------------------------------------------------
@@ -306,6 +318,14 @@ def equal_text(payload: Bytes, offset: int, size: int, text: Bytes) -> bool:
 
 
 @kernel
+def copy(source: Bytes, start: int, stop: int, destination: Bytes, at: int) -> None:
+    """Copies source[start:stop] to `destination` from index `at` on. No index may be negative."""
+    begin, to = np.uintp(start), np.uintp(at)  # a possibly negative index lets bytes be copied one by one
+    for i in range(np.uintp(max(stop - start, 0))):
+        destination[to + np.uintp(i)] = source[begin + np.uintp(i)]
+
+
+@kernel
 def clear(payload: Bytes, start: int, stop: int) -> None:
     """Sets payload[start:stop] to zero."""
     for i in range(start, stop):
@@ -317,6 +337,9 @@ def clear(payload: Bytes, start: int, stop: int) -> None:
 
 @kernel
 def _row(message: int) -> int:
+    """Returns the row of a message id in the dialect's tables; -1: it is not in the dialect. Most ids are bytes."""
+    if 0 <= message < _ROWS_OF_BYTES.shape[0]:
+        return int(np.int64(_ROWS_OF_BYTES[message]))
     low = 0
     high = MESSAGE_IDS.shape[0]
     while low < high:
@@ -448,16 +471,17 @@ def x25(buffer: Bytes, start: int, stop: int) -> int:
     Four bytes at a time: each table's row has to wait for the CRC of the bytes before, which takes longer than the sum.
     """
     crc = 0xFFFF
-    fours = start + (stop - start) // 4 * 4
-    for i in range(start, fours, 4):
-        crc ^= get_u8(buffer, i) | get_u8(buffer, i + 1) << 8
+    at = np.uintp(start)  # a possibly negative index costs a comparison at each use
+    for _ in range((stop - start) >> 2):
+        crc ^= int(np.int64(buffer[at]) | np.int64(buffer[at + _ONE]) << 8)
         crc = int(
-            np.int64(_X25_3[crc & 0xFF])
-            ^ np.int64(_X25_2[crc >> 8])
-            ^ np.int64(_X25_1[get_u8(buffer, i + 2)])
-            ^ np.int64(_X25[get_u8(buffer, i + 3)])
+            np.int64(_X25_3[np.uintp(crc & 0xFF)])
+            ^ np.int64(_X25_2[np.uintp(crc >> 8)])
+            ^ np.int64(_X25_1[buffer[at + _TWO]])
+            ^ np.int64(_X25[buffer[at + _THREE]])
         )
-    for i in range(fours, stop):
+        at += _FOUR
+    for i in range(np.int64(at), stop):
         crc = _x25_step(crc, get_u8(buffer, i))
     return crc
 
@@ -525,8 +549,7 @@ def unpack(buffer: Bytes, start: int, payload: Bytes) -> int:
     """
     length = payload_length(buffer, start)
     first = payload_start(buffer, start)
-    for i in range(length):
-        payload[i] = buffer[first + i]
+    copy(buffer, first, first + length, payload, 0)
     clear(payload, length, payload.shape[0])
     return length
 
@@ -642,8 +665,7 @@ def pack_defined(
     put_u8(buffer, address, sequence_number)
     put_u8(buffer, address + 1, system_id)
     put_u8(buffer, address + 2, component_id)
-    for i in range(length):
-        buffer[first + i] = payload[i]
+    copy(payload, 0, length, buffer, first)
     crc = _x25_step(x25(buffer, n + 1, first + length), crc_extra)
     put_u16(buffer, first + length, crc)
     return stop
@@ -663,10 +685,15 @@ def encode_base64(source: Bytes, n: int, text: Bytes) -> int:
     length = (count + 2) // 3 * 4
     if length > text.shape[0]:
         return -1
-    for group in range(count // 3):
-        bits = get_u8(source, 3 * group) << 16 | get_u8(source, 3 * group + 1) << 8 | get_u8(source, 3 * group + 2)
-        for k in range(4):
-            text[4 * group + k] = _BASE64[bits >> 18 - 6 * k & 0x3F]
+    at, to = np.uintp(0), np.uintp(0)
+    for _ in range(count // 3):
+        bits = int(np.int64(source[at]) << 16 | np.int64(source[at + _ONE]) << 8 | np.int64(source[at + _TWO]))
+        text[to] = _BASE64[np.uintp(bits >> 18)]
+        text[to + _ONE] = _BASE64[np.uintp(bits >> 12 & 0x3F)]
+        text[to + _TWO] = _BASE64[np.uintp(bits >> 6 & 0x3F)]
+        text[to + _THREE] = _BASE64[np.uintp(bits & 0x3F)]
+        at += _THREE
+        to += _FOUR
     rest = count % 3
     if rest > 0:
         bits = get_u8(source, count - rest) << 16
@@ -699,17 +726,27 @@ def decode_base64(text: Bytes, n: int, destination: Bytes) -> int:
     length = count // 4 * 3 - padding
     if length > destination.shape[0]:
         return -1
-    for group in range(count // 4):
-        bits = 0
-        for k in range(4):
-            at = 4 * group + k
-            value = 0
-            if at < count - padding:
-                value = int(np.int64(_BASE64_VALUES[text[at]]))
-            if value < 0:
-                return -1
-            bits = bits << 6 | value
-        for k in range(3):
-            if 3 * group + k < length:
-                destination[3 * group + k] = bits >> 16 - 8 * k & 0xFF
+    at, to = np.uintp(0), np.uintp(0)
+    for _ in range((count >> 2) - 1):
+        bits = int(
+            np.int64(_BASE64_VALUES[text[at]]) << 18
+            | np.int64(_BASE64_VALUES[text[at + _ONE]]) << 12
+            | np.int64(_BASE64_VALUES[text[at + _TWO]]) << 6
+            | np.int64(_BASE64_VALUES[text[at + _THREE]])
+        )
+        if bits < 0:
+            return -1
+        destination[to] = bits >> 16
+        destination[to + _ONE] = bits >> 8 & 0xFF
+        destination[to + _TWO] = bits & 0xFF
+        at += _FOUR
+        to += _THREE
+    bits = 0
+    for k in range(4):
+        value = int(np.int64(_BASE64_VALUES[text[count - 4 + k]])) if k < 4 - padding else 0
+        if value < 0:
+            return -1
+        bits = bits << 6 | value
+    for k in range(3 - padding):
+        destination[length - 3 + padding + k] = bits >> 16 - 8 * k & 0xFF
     return length

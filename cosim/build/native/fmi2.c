@@ -220,24 +220,37 @@ static void encode(const unsigned char *bytes, size_t n, char *text) {
     *text = 0;
 }
 
-static int digit(char c) {
-    if (c >= 'A' && c <= 'Z') return c - 'A';
-    if (c >= 'a' && c <= 'z') return c - 'a' + 26;
-    if (c >= '0' && c <= '9') return c - '0' + 52;
-    return c == '+' ? 62 : c == '/' ? 63 : -1;
-}
+/* The values of the characters; BAD marks those outside the alphabet. */
+#define BAD 128
+static const unsigned char DIGIT[256] = {
+    [0 ... 255] = BAD,
+    ['A'] = 0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25,
+    ['a'] = 26, 27, 28, 29, 30, 31, 32, 33, 34, 35, 36, 37, 38, 39, 40, 41, 42, 43, 44, 45, 46, 47, 48, 49, 50, 51,
+    ['0'] = 52, 53, 54, 55, 56, 57, 58, 59, 60, 61, ['+'] = 62, ['/'] = 63,
+};
 
 /* Returns the number of bytes decoded, -1 for malformed text, -2 for more than `capacity`; stops at the first fault.
    With `bytes` NULL, it only counts. */
-static long decode(const char *text, unsigned char *bytes, size_t capacity) {
+static long decode(const char *from, unsigned char *bytes, size_t capacity) {
+    const unsigned char *text = (const unsigned char *)from;
     size_t n = 0;
+    size_t groups = strlen(from) / 4;
+    if (groups > capacity / 3) groups = capacity / 3;
+    for (; groups > 0; groups--, text += 4, n += 3) {
+        unsigned a = DIGIT[text[0]], b = DIGIT[text[1]], x = DIGIT[text[2]], y = DIGIT[text[3]];
+        if ((a | b | x | y) & BAD) break;
+        if (!bytes) continue;
+        unsigned group = a << 18 | b << 12 | x << 6 | y;
+        bytes[n] = group >> 16, bytes[n + 1] = group >> 8 & 255, bytes[n + 2] = group & 255;
+    }
+    /* What is left: padding, faults, bytes that do not fit. */
     while (*text) {
-        int a = digit(text[0]), b = a < 0 ? -1 : digit(text[1]);
-        if (b < 0 || !text[2] || !text[3]) return -1;
+        unsigned a = DIGIT[text[0]], b = a & BAD ? BAD : DIGIT[text[1]];
+        if (b & BAD || !text[2] || !text[3]) return -1;
         int last = text[3] == '=', pad = last ? 1 + (text[2] == '=') : 0;
-        int x = pad == 2 ? 0 : digit(text[2]), y = pad ? 0 : digit(text[3]);
-        if (x < 0 || y < 0 || (pad && text[4])) return -1;
-        unsigned group = (unsigned)a << 18 | (unsigned)b << 12 | (unsigned)x << 6 | (unsigned)y;
+        unsigned x = pad == 2 ? 0 : DIGIT[text[2]], y = pad ? 0 : DIGIT[text[3]];
+        if ((x | y) & BAD || (pad && text[4])) return -1;
+        unsigned group = a << 18 | b << 12 | x << 6 | y;
         if (n + 3 - pad > capacity) return -2;
         if (bytes) {
             bytes[n] = group >> 16;

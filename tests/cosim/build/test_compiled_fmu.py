@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import binascii
 import ctypes
 import importlib
 import importlib.util
@@ -378,6 +380,50 @@ def test_foreign_and_damaged_states_are_refused(fmus: Path, compiled_plant: Path
     with pytest.raises(FMICallException):
         fmu.setFMUState(other.getFMUState())
     assert "fmi2SetFMUstate: this is not a state of Plant" in make.log.pop()
+
+
+# -- packets ---------------------------------------------------------------------------------------------------------
+
+
+def _some_text(chosen: np.random.Generator) -> str:
+    """Returns base64 of up to 14 bytes, in half of the cases damaged."""
+    text = list(base64.b64encode(chosen.bytes(int(chosen.integers(15)))).decode())
+    if chosen.random() < 0.5:
+        at, other = int(chosen.integers(len(text) + 1)), str(chosen.choice(list("A/+=9z -_\xfc\n")))
+        text[at : at + int(chosen.integers(2))] = other * int(chosen.integers(2))
+    return "".join(text)
+
+
+def test_packets_are_the_text_that_python_accepts_strictly(compiled_plant: Path, tmp_path: Path) -> None:
+    """Refused text changes nothing; up to the capacity of 10 bytes, all others are taken."""
+    make = Factory(compiled_plant, tmp_path)
+    fmu = make(initialise=False)
+    (rx,) = [v.valueReference for v in make.description.modelVariables if v.name == "rx"]
+    chosen, failures = np.random.default_rng(1), {"is not base64": 0, "holds 10 bytes, the text has more": 0}
+    for _ in range(2000):
+        fmu.reset()
+        before, text = base64.b64encode(chosen.bytes(int(chosen.integers(11)))).decode(), _some_text(chosen)
+        fmu.setString([rx], [before])
+        try:
+            data = binascii.a2b_base64(text.encode(), strict_mode=True)
+        except binascii.Error:
+            data = None
+        if len(text) % 4 != 0:  # Python takes "AAAA=", too
+            data = None
+        if data is not None and len(data) <= 10:
+            fmu.setString([rx], [text])
+            fmu.setupExperiment(startTime=0.0)
+            fmu.enterInitializationMode()
+            assert fmu.getString([rx]) == [base64.b64encode(data)], text
+            continue
+        with pytest.raises(FMICallException):
+            fmu.setString([rx], [text])
+        assert fmu.getString([rx]) == [before.encode()], text
+        (failure,) = [one for one in failures if one in make.log[-1]]
+        failures[failure] += 1
+        assert data is None or failure != "is not base64", text
+        assert data is not None or failure == "is not base64" or len(text) > 14, text
+    assert min(failures.values()) > 100
 
 
 # -- other platforms ------------------------------------------------------------------------------------------------

@@ -278,7 +278,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         trip=table(np.zeros(1 if relays else 0, dtype=RELAYED)),
         routes=np.zeros((len(nodes) if relays else 0, 256), dtype=np.int64),
         seen=np.zeros((len(nodes) * (int(members[-1]) + len(network.gateways)) if relays else 0, 2), dtype=np.int64),
-        order=np.arange(len(nodes), dtype=np.int64),
+        order=np.tile(np.arange(len(nodes), dtype=np.int64), (2, 1)),
         along=np.zeros(len(nodes)),
         hearers=np.zeros(len(nodes) + 1, dtype=np.int64),
         counters=np.zeros(COUNTERS, dtype=np.int64),

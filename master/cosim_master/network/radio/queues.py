@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import kernel
-from cosim.packets import component, message_id, sequence, system
+from cosim.packets import component, copy, message_id, sequence, system
 from cosim_master.network.radio.tables import (
     COUNTED,
     DEFERRED,
@@ -41,8 +41,7 @@ def put(
     r.counters[FREE_PLACE] = r.places[place].following
     r.counters[FREE_PLACES] -= 1
     r.counters[IN_FLIGHT] += 1
-    for i in range(start, stop):
-        r.data[place, i - start] = buf[i]
+    copy(buf, start, stop, r.data[place], 0)
     r.places[place].length = stop - start
     r.places[place].arrival = arrival
     r.places[place].logged = logged
@@ -90,8 +89,7 @@ def log_packet(r: Radio, t: int, n: int, sent: int, buf: NDArray[np.uint8], star
     for i in range(4):
         r.log[p + 8 + i] = (entry >> 8 * i) & 0xFF
         r.log[p + 12 + i] = ((stop - start) >> 8 * i) & 0xFF
-    for i in range(start, stop):
-        r.log[p + LOG_HEAD + i - start] = buf[i]
+    copy(buf, start, stop, r.log, p + LOG_HEAD)
     r.counters[USED_LOG] = p + LOG_HEAD + stop - start
 
 
@@ -129,8 +127,7 @@ def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
         if n + length > r.endpoints[e].capacity:
             r.counters[DEFERRED] += 1
             break
-        for i in range(length):
-            buf[n + i] = r.data[place, i]
+        copy(r.data[place], 0, length, buf, n)
         n += length
         _account(r, t, e, place)
     return n

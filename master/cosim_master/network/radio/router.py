@@ -30,6 +30,7 @@ from cosim.packets import (
     NOTHING,
     TRUNCATED,
     UNKNOWN,
+    copy,
     find,
     get_u8,
     has_crc,
@@ -224,8 +225,7 @@ def _post(
     if by_radio_too:
         row.number = r.endpoints[e].number
         r.endpoints[e].number += 1
-    for i in range(start, stop):
-        r.posted[n, i - start] = buf[i]
+    copy(buf, start, stop, r.posted[n], 0)
     return by_radio_too
 
 

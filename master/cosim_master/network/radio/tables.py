@@ -314,7 +314,7 @@ class Radio(NamedTuple):
     trip: NDArray[Any]  # RELAYED, one row: the packet that is being sent
     routes: NDArray[np.int64]  # (nodes, 256), the neighbour from which a node last heard a system, plus 1
     seen: NDArray[np.int64]  # for each node and endpoint: latest packet plus 1, and the set of packets before it
-    order: NDArray[np.int64]  # nodes along the axis, kept sorted
+    order: NDArray[np.int64]  # nodes along the axis, kept sorted; then the place of each node among these
     along: NDArray[np.float64]
     hearers: NDArray[np.int64]  # scratch
     gateways: NDArray[Any]  # GATEWAY

@@ -20,13 +20,17 @@ def sort_along(r: Radio, reals: NDArray[np.float64]) -> None:
         for i in range(3):
             s += r.settings[0].axis[i] * reals[r.nodes[n].place[i]]
         r.along[n] = s
-    for i in range(1, r.order.size):
-        n = r.order[i]
+    order, rank = r.order[0], r.order[1]
+    for i in range(1, order.size):
+        n = order[i]
         j = i - 1
-        while j >= 0 and (r.along[r.order[j]] > r.along[n] or (r.along[r.order[j]] == r.along[n] and r.order[j] > n)):
-            r.order[j + 1] = r.order[j]
+        while j >= 0 and (r.along[order[j]] > r.along[n] or (r.along[order[j]] == r.along[n] and order[j] > n)):
+            order[j + 1] = order[j]
+            rank[order[j + 1]] = j + 1
             j -= 1
-        r.order[j + 1] = n
+        if j + 1 < i:
+            order[j + 1] = n
+            rank[n] = j + 1
 
 
 @kernel
@@ -51,20 +55,6 @@ def _nearest(r: Radio, reals: NDArray[np.float64], n: int) -> int:
 
 
 @kernel
-def _rank(r: Radio, n: int) -> int:
-    """Returns the place of node `n` in `order`, which `sort_along` has sorted."""
-    first, last = 0, r.order.size - 1
-    while first < last:
-        middle = (first + last) // 2
-        other = r.order[middle]
-        if r.along[other] < r.along[n] or (r.along[other] == r.along[n] and other < n):
-            first = middle + 1
-        else:
-            last = middle
-    return first
-
-
-@kernel
 def find_hearers(r: Radio, reals: NDArray[np.float64], n: int) -> int:
     """Writes the nodes that hear node `n` by the topology into `hearers`; returns their number."""
     topology, per_side = r.settings[0].topology, r.settings[0].per_side
@@ -76,10 +66,10 @@ def find_hearers(r: Radio, reals: NDArray[np.float64], n: int) -> int:
     elif topology == NEAREST:
         found = _nearest(r, reals, n)
     elif topology == NEAREST_ON_AXIS:
-        at = _rank(r, n)
-        for j in range(max(0, at - per_side), min(r.order.size, at + per_side + 1)):
+        at = r.order[1, n]
+        for j in range(max(0, at - per_side), min(r.order.shape[1], at + per_side + 1)):
             if j != at:
-                r.hearers[found] = r.order[j]
+                r.hearers[found] = r.order[0, j]
                 found += 1
     else:
         for other in range(r.along.size):
@@ -97,7 +87,7 @@ def missing_before(r: Radio, n: int) -> int:
     """
     if r.settings[0].topology != NEAREST_ON_AXIS:
         return 0
-    return int(max(0, r.settings[0].per_side - _rank(r, n)))
+    return int(max(0, r.settings[0].per_side - r.order[1, n]))
 
 
 @kernel
