@@ -75,6 +75,7 @@ _OF_ROWS = {
     "real_block",
     "int_block",
     "positions",
+    "order",
     "past",
     "outages",
     "partitions",
