@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cosim.kernel import kernel
 from cosim.packets import component, copy, message_id, sequence, system
+from cosim_master.network.radio.prefetching import expect_place
 from cosim_master.network.radio.tables import (
     COUNTED,
     DEFERRED,
@@ -39,6 +40,7 @@ def put(
     """Inserts a packet into the queue of `endpoint`, after all packets that do not arrive later; returns its place."""
     place = r.counters[FREE_PLACE]
     r.counters[FREE_PLACE] = r.places[place].following
+    expect_place(r, r.counters[FREE_PLACE])
     r.counters[FREE_PLACES] -= 1
     r.counters[IN_FLIGHT] += 1
     copy(buf, start, stop, r.data[place], 0)

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from cosim.kernel import kernel
 from cosim.packets import MAX_PACKET, encode_base64
 from cosim_master.network.radio.air import serve_medium
+from cosim_master.network.radio.prefetching import expect_bytes
 from cosim_master.network.radio.queues import arrived, deliver
 from cosim_master.network.radio.router import send
 from cosim_master.network.radio.tables import (
@@ -96,6 +97,10 @@ from cosim_master.stepping.kernels.threads import hand_out, join_in, make_window
 from cosim_master.stepping.kernels.windows import account, failed_at, note_positions, put_back, window
 
 __all__ = ["end_here", "next_point", "outbox_needed", "places_needed", "record", "run", "sent_bytes"]
+
+
+_AHEAD, _NEAR = 4, 128
+"""How many ports ahead packets are asked for, and their first bytes, of which most have no more."""
 
 
 _TOGETHER = 1 << 18
@@ -245,6 +250,8 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
         sort_along(r, reals)
     t = point_in_time(p.counters, k + 1)
     for e in range(p.ports.size):
+        if e + _AHEAD < p.ports.size and p.ports[e + _AHEAD].sent > 0:
+            expect_bytes(np.uintp(p.tx.ctypes.data + (e + _AHEAD) * p.tx.shape[1]), _NEAR)
         if p.ports[e].sent > 0:
             if not together and need > r.counters[FREE_PLACES]:
                 return NEED_PLACES

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from cosim.kernel import kernel
 from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, encode_base64, system
+from cosim_master.network.radio.prefetching import expect_bytes, expect_place
 from cosim_master.network.radio.queues import arrived, take_delivered
 from cosim_master.network.radio.router import goes_on_board, next_packet
 from cosim_master.network.radio.tables import SWARM, Radio
@@ -44,6 +45,10 @@ _FOLLOWING, _WHEN, _ENDPOINT, _LENGTH, _BYTES = 0, 8, 16, 24, 32
 """Offsets in a record of packets that wait: the address of the following record, 0 for none; base step (of SENT) or
 time, ns (on board); endpoint; length; bytes.
 """
+
+
+_AHEAD, _NEAR = 8, 128
+"""How many endpoints ahead packets are asked for, and their first bytes, of which most have no more."""
 
 
 @kernel
@@ -107,6 +112,7 @@ def _look_ahead(p: Plan, r: Radio, group: Any) -> None:
         inbox, endpoint = p.inboxes[e], r.endpoints[e]
         inbox.heard, inbox.next = endpoint.heard, endpoint.first
         inbox.first = inbox.last = np.uintp(0)
+        expect_place(r, endpoint.first)
 
 
 @kernel
@@ -133,6 +139,7 @@ def _take(r: Radio, inbox: Any, t: int, capacity: int, into: Any) -> int:
                 return n
             _memcpy(np.uintp(into + np.uintp(n)), _row_at(r.data, place), np.uintp(length))
             inbox.next = r.places[place].following
+            expect_place(r, inbox.next)
         else:
             return n
         n += length
@@ -280,6 +287,8 @@ def account(p: Plan, r: Radio, k: int) -> None:
     instances, ports, endpoints, places = p.instances, p.ports, r.endpoints, r.places
     t = point_in_time(p.counters, k)
     for e in range(ports.size):
+        if e + _AHEAD < ports.size:
+            expect_place(r, endpoints[e + _AHEAD].first)
         if ports[e].has_rx != 0 and arrived(endpoints, places, t, e):
             period = instances[ports[e].instance].period
             if period == 1 or k % period == 0:
@@ -308,8 +317,12 @@ def failed_at(p: Plan, k: int) -> int:
 @kernel
 def put_back(p: Plan, k: int) -> None:
     """Puts the bytes that groups have sent in base step k to their ports, for `send`."""
-    for group in p.groups:
+    for g in range(p.groups.size):
+        group = p.groups[g]
+        if g + 1 < p.groups.size:
+            expect_bytes(p.groups[g + 1].first_sent, _NEAR)
         while group.first_sent != np.uintp(0) and _word(group.first_sent, _WHEN) == k:
+            expect_bytes(np.uintp(_word(group.first_sent, _FOLLOWING)), _NEAR)
             e, n = _word(group.first_sent, _ENDPOINT), _word(group.first_sent, _LENGTH)
             _memcpy(_row_at(p.tx, e), np.uintp(group.first_sent + np.uintp(_BYTES)), np.uintp(n))
             p.ports[e].sent = n
