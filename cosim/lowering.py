@@ -45,7 +45,7 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.np import arrayobj
 
-from cosim import shortcuts
+from cosim import folding, shortcuts
 from cosim.kept import made_once, read_kept, write_kept
 
 __all__ = ["Kernel", "Lowered", "ShortRecord", "keep_only", "link", "saved_code"]
@@ -74,6 +74,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
 
     def add_ir_module(self, ir_module: Any) -> None:
         self._raise_if_finalized()
+        folding.sweep(ir_module)
         text = cgutils.normalize_ir_text(str(ir_module))
         module = llvm.parse_assembly(text)
         for name in ir_module.globals:
@@ -452,3 +453,4 @@ def _copy_source(context: Any, builder: Any, *arguments: Any) -> Any:
 
 arrayobj.maybe_copy_source = _copy_source
 shortcuts.use()
+folding.use()

@@ -629,6 +629,7 @@ def test_closure_of_a_model(samples: SimpleNamespace) -> None:
     assert set(sources.files) == {
         "sample_models",
         "cosim",
+        "cosim.folding",
         "cosim.kept",
         "cosim.kernel",
         "cosim.lowering",
