@@ -287,7 +287,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     m.mission_active = mode == _AUTO
     m.taking_off = False
     m.vtol_mode, m.descending, m.circle_told, m.braking = False, False, False, False
-    m.arrival_speed = 0.0
+    m.arrival_speed, m.turns_to_place = 0.0, False
     hold_here(m)
     note_target(m)
     begin_pilot(m)
@@ -493,6 +493,7 @@ def _guide(m: Any, t: float, h: float) -> None:
 def _launch(m: Any, t: float, h: float) -> None:
     """Takes off on the wing; in the air, with the help of the rotors."""
     if m.launched_high:
+        m.asked_bank = 0.0
         on_wing(m, 0.0, m.guided_position[2], cruise_speed(m), t, h)
         m.taking_off = m.position[2] > m.guided_position[2] + _CLIMBED
     else:

@@ -280,10 +280,11 @@ def test_its_rotors_brake_for_a_second_at_least_before_they_take_over() -> None:
     p = hovering()
     assert p.reposition(400.0, 0.0, 20.0) == ACCEPTED
     told: list[tuple[float, str]] = []
+    p.heard.clear()
     while not any("position2" in text for _, text in told):
+        told += [(p.time, m.text) for m in p.heard if m.get_type() == "STATUSTEXT"]
         p.heard.clear()
         p.one_step()
-        told += [(p.time, m.text) for m in p.heard if m.get_type() == "STATUSTEXT"]
         if p.m.braking:
             assert not p.m.vtol and p.m.motor[4:].min() >= 0.15  # Q_M_SPIN_MIN
             assert state(p) == mavlink.MAV_VTOL_STATE_TRANSITION_TO_MC

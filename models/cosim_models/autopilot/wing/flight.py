@@ -1,14 +1,14 @@
-"""Flight on wings: bank, pitch, total energy and circles of the autopilots of fixed wings and quadplanes.
+"""Flight on wings: bank, pitch, speed and circles of the autopilots of fixed wings and quadplanes.
 
-Height and speed are controlled together: the throttle follows the sum of the errors of climb and acceleration (total
-energy), the pitch their difference (balance of energy). The course follows the vector field around the circle, which
-leads straight to its centre from afar. Bank and pitch have proportional loops with rate damping.
+Height and speed are controlled together (`wing.energy`). The course follows the vector field around the circle, which
+leads straight to its centre from afar. Bank and pitch have proportional loops with rate damping. With STALL_PREVENTION,
+the bank stays within the load that the wing carries at the present speed, which is the square of its ratio to
+AIRSPEED_MIN; 25 degrees are always permitted.
 
-Kernels over a record that has `wing_parameters` and `WING_MEMORY` beside the variables of `gcs.record` and
-`wing.functions`. They write the first four elements of `motor`: aileron, elevator, throttle, rudder.
+Kernels over a record that has `wing_parameters` and `WING_MEMORY` beside the variables of `gcs.record`, `wing.piloted`
+and `wing.functions`. They write the first four elements of `motor`: aileron, elevator, throttle, rudder.
 
-Sources: A. A. Lambregts, Vertical flight path and speed control autopilot design using total energy principles, AIAA
-83-2239; R. W. Beard, T. W. McLain, Small Unmanned Aircraft, Princeton 2012, chapter 10 (orbits).
+Source: R. W. Beard, T. W. McLain, Small Unmanned Aircraft, Princeton 2012, chapter 10 (orbits).
 """
 
 from __future__ import annotations
@@ -24,26 +24,28 @@ from cosim.messages import MAV_RESULT_ACCEPTED, MAV_RESULT_DENIED, MAV_RESULT_FA
 from cosim_models.autopilot.gcs.record import angle, real
 from cosim_models.autopilot.gcs.targets import go_to
 from cosim_models.autopilot.gcs.words import GROUNDSPEED, say
+from cosim_models.autopilot.wing.energy import ENERGY_MEMORY, ENERGY_PARAMETERS, clip, energy
 
 __all__ = [
-    "CLIMB_P",
     "WING_MEMORY",
     "bank_for",
     "change_speed",
     "circle",
-    "clip",
     "cruise_speed",
     "fly",
+    "fly_lifted",
     "launch",
+    "permitted",
     "rest",
     "servos",
     "take_off",
     "wing_parameters",
 ]
 
-CLIMB_P = 0.3
-"""Rate of climb over the error of the height [1/s]."""
 _GRAVITY = 9.80665
+_GENTLE = math.radians(25.0)  # bank that is always permitted
+_STEEPEST = math.radians(85.0)
+_UPRIGHT, _STEEP = math.cos(1.0), math.tan(1.0)  # of the bank beyond which the turn does not become tighter
 _FASTEST = 1000.0  # m/s, of a speed that may be asked for
 _ROTATION = 0.7  # share of AIRSPEED_CRUISE at which it raises its nose
 
@@ -66,8 +68,7 @@ _PARAMETERS = (
     ),
     real("TRIM_THROTTLE", "%", 40.0, "throttle of level flight"),
     real("THR_MAX", "%", 75.0, "greatest throttle", 1.0),
-    real("TECS_CLMB_MAX", "m/s", 5.0, "greatest rate of climb", 0.1),
-    real("TECS_SINK_MAX", "m/s", 5.0, "greatest rate of descent", 0.1),
+    *ENERGY_PARAMETERS,
     real("TKOFF_ALT", "m", 50.0, "height above home at which mode TAKEOFF ends", 1.0),
     real("TKOFF_THR_MAX", "%", 40.0, "throttle of the take-off", 1.0),
     angle("TKOFF_LVL_PITCH", 15.0, "pitch of the take-off"),
@@ -75,11 +76,8 @@ _PARAMETERS = (
 )
 WING_MEMORY = (
     Memory("home_due"),  # s, when home is told again
-    Memory("throttle_trim"),  # integral of the total energy
-    Memory("pitch_trim"),  # rad, integral of the energy balance
+    *ENERGY_MEMORY,
     Memory("elevator_trim"),
-    Memory("speed_before"),  # m/s
-    Memory("acceleration"),  # m/s2, filtered
     Memory("runway"),  # rad, course of the take-off
     Memory("rotated", dtype="?"),
     Memory("least_speed"),  # m/s over ground, of DO_CHANGE_SPEED
@@ -113,8 +111,12 @@ def launch(m: Any, down: float) -> None:
 
 
 @kernel
-def clip(value: float, least: float, most: float) -> float:
-    return min(max(value, least), most)
+def _sine_and_cosine_of_roll(m: Any) -> tuple[float, float]:
+    """Returns both in fewer instructions than by the angle; those of 0 if vertical."""
+    w, x, y, z = m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]
+    side, up = 2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)
+    size = math.sqrt(side * side + up * up)
+    return (side / size, up / size) if size > 1e-6 else (0.0, 1.0)
 
 
 @kernel
@@ -123,14 +125,16 @@ def servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None
     roll, nose = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
     p, q, r = float(m.angular_velocity[0]), float(m.angular_velocity[1]), float(m.angular_velocity[2])
     speed = max(math.sqrt(m.velocity[0] ** 2 + m.velocity[1] ** 2 + m.velocity[2] ** 2), 5.0)
-    lean, up = roll, 1.0
+    across, upright = _sine_and_cosine_of_roll(m)
+    up = 1.0
     if m.inverted:
-        lean, bank, up = wrap_pi(roll - math.pi), bank + math.pi, -1.0
-    turn = _GRAVITY * math.tan(clip(lean, -1.0, 1.0)) / speed  # rad/s of a level turn
+        bank, up = bank + math.pi, -1.0
+    slope = across / upright if up * upright > _UPRIGHT else up * math.copysign(_STEEP, across)
+    turn = _GRAVITY * slope / speed  # rad/s of a level turn
     aileron = 1.0 * wrap_pi(bank - roll) - 0.15 * p
     m.elevator_trim = clip(m.elevator_trim + 0.8 * (pitch - nose) * h, -1.0, 1.0)
-    elevator = up * (m.elevator_trim + 2.0 * (pitch - nose)) - 0.35 * (q - turn * math.sin(roll))
-    rudder = 0.3 * (turn * math.cos(roll) - r)
+    elevator = up * (m.elevator_trim + 2.0 * (pitch - nose)) - 0.35 * (q - turn * across)
+    rudder = 0.3 * (turn * upright - r)
     m.motor[0] = 0.5 + 0.5 * clip(aileron, -1.0, 1.0)
     m.motor[1] = 0.5 + 0.5 * clip(elevator, -1.0, 1.0)
     m.motor[2] = clip(throttle, 0.0, 1.0)
@@ -146,32 +150,32 @@ def _mix(m: Any, bank: float, pitch: float) -> tuple[float, float]:
 
 
 @kernel
-def _energy(m: Any, climb: float, wanted: float, h: float) -> tuple[float, float]:
-    """Returns pitch [rad] and throttle for a rate of climb and a speed [m/s]."""
-    speed = max(math.sqrt(m.velocity[0] ** 2 + m.velocity[1] ** 2 + m.velocity[2] ** 2), 5.0)
-    m.acceleration += clip(h / 0.5, 0.0, 1.0) * ((speed - m.speed_before) / h - m.acceleration)
-    m.speed_before = speed
-    path = -m.velocity[2] / speed
-    path_error = climb / speed - path
-    gain_error = clip(0.5 * (wanted - speed), -2.0, 2.0) / _GRAVITY - m.acceleration / _GRAVITY
-    total, balance = path_error + gain_error, path_error - gain_error
-    top = 0.01 * m.THR_MAX
-    throttle = 0.01 * m.TRIM_THROTTLE + m.throttle_trim + 0.5 * total
-    if 0.0 < throttle < top or (throttle >= top) != (total > 0.0):
-        m.throttle_trim += 0.15 * total * h
-    m.pitch_trim = clip(m.pitch_trim + 0.3 * balance * h, -0.2, 0.3)
-    pitch = climb / speed + m.pitch_trim + 0.4 * balance
-    least, most = math.radians(m.PTCH_LIM_MIN_DEG), math.radians(m.PTCH_LIM_MAX_DEG)
-    return clip(pitch, least, most), clip(throttle, 0.0, top)
+def permitted(m: Any, bank: float) -> float:
+    """Returns a bank [rad] within the load that the wing carries, and notes the one that is asked for."""
+    m.asked_bank = bank
+    if m.STALL_PREVENTION == 0 or abs(bank) <= _GENTLE or m.inverted:
+        return bank
+    speed = math.sqrt(m.velocity[0] ** 2 + m.velocity[1] ** 2 + m.velocity[2] ** 2)
+    load = (speed / max(m.AIRSPEED_MIN, 1.0)) ** 2
+    if load * math.cos(min(abs(bank), _STEEPEST)) >= 1.0:
+        return bank
+    most = max(math.acos(1.0 / load), _GENTLE) if load > 1.0 else _GENTLE
+    return clip(bank, -most, most)
 
 
 @kernel
 def bank_for(m: Any, course: float, turning: float) -> float:
     """Returns the bank [rad] that turns to a course, beside the rate of turn of a circle [rad/s]."""
-    speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
+    square = m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1]
     error = wrap_pi(course - math.atan2(m.velocity[1], m.velocity[0]))
     most = math.radians(m.ROLL_LIMIT_DEG)
-    return clip(math.atan(speed / _GRAVITY * (0.7 * error + turning)), -most, most)
+    slope = math.sqrt(square) / _GRAVITY * (0.7 * error + turning)
+    bank = clip(math.atan(slope), -most, most)
+    least = m.AIRSPEED_MIN * m.AIRSPEED_MIN
+    if square * square < least * least * (1.0 + slope * slope):
+        return permitted(m, bank)
+    m.asked_bank = bank
+    return bank
 
 
 @kernel
@@ -210,15 +214,25 @@ def change_speed(m: Any, kind: float, speed: float) -> int:
 
 
 @kernel
-def fly(m: Any, bank: float, down: float, speed: float, h: float) -> None:
-    """Flies with a bank and a speed [m/s] towards a down coordinate."""
-    climb = clip(CLIMB_P * (m.position[2] - down), -m.TECS_SINK_MAX, m.TECS_CLMB_MAX)
-    pitch, throttle = _energy(m, climb, speed, h)
+def _fly(m: Any, bank: float, down: float, speed: float, weight: float, h: float) -> None:
+    pitch, throttle = energy(m, down, speed, weight, h)
     if m.mixes:
         bank, pitch = _mix(m, bank, pitch)
     servos(m, bank, pitch, throttle, h)
     if m.mixes:
         m.motor[3] = clip(m.motor[3] + 0.5 * m.mixed[2], 0.0, 1.0)
+
+
+@kernel
+def fly(m: Any, bank: float, down: float, speed: float, h: float) -> None:
+    """Flies with a bank and a speed [m/s] towards a down coordinate."""
+    _fly(m, bank, down, speed, float(m.TECS_SPDWEIGHT), h)
+
+
+@kernel
+def fly_lifted(m: Any, bank: float, down: float, speed: float, h: float) -> None:
+    """Flies as `fly` does while rotors lift it: the pitch is for the height alone."""
+    _fly(m, bank, down, speed, 0.0, h)
 
 
 @kernel

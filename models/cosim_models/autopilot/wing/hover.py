@@ -21,7 +21,8 @@ from cosim import Memory
 from cosim.frames import euler_from_quaternion, roll_pitch_from_quaternion, wrap_pi, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import angle, real
-from cosim_models.autopilot.wing.flight import clip, rest, servos
+from cosim_models.autopilot.wing.energy import clip
+from cosim_models.autopilot.wing.flight import rest, servos
 
 __all__ = ["HOVER_MEMORY", "HOVER_PARAMETERS", "glide", "hover", "lean_by_rates", "lean_to", "level_flight", "lift_off"]
 __all__ += ["no_lift", "rise", "sink", "square_root_speed"]
@@ -65,6 +66,7 @@ HOVER_MEMORY = (
     Memory("lift_trim"),  # integral of the vertical velocity error, share of the greatest thrust
     Memory("turned", dtype="?", rare=True),  # it still turns, as a pilot asked
     Memory("lift"),  # mean of the thrusts, of 1
+    Memory("turns_to_place", dtype="?", rare=True),  # `held_heading` is that to its place
     Memory("arrival_speed"),  # m/s that it may still have after its flight on the wing; 0: Q_WP_SPEED
 )
 
@@ -153,7 +155,7 @@ def _heading(m: Any) -> float:
 def _turn(m: Any) -> float:
     """Returns the rate of yaw [rad/s] that holds the heading, or follows the wind."""
     heading = _heading(m)
-    if m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1] > _WALKING * _WALKING:
+    if m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1] > _WALKING * _WALKING and not m.turns_to_place:
         m.held_heading = heading
     return float(m.Q_A_ANG_YAW_P * wrap_pi(m.held_heading - heading))
 

@@ -6,9 +6,6 @@ FBWB for a bank, a rate of climb and a speed, CRUISE for the same and, half a se
 for the line along the course of that moment. CIRCLE banks by a third of its limit. Kernels over a record that has
 `PILOT_PARAMETERS`, `PILOT_MEMORY` and what `wing.flight` needs.
 
-With STALL_PREVENTION, the bank of FBWA, FBWB, CRUISE and CIRCLE stays within the load that the wing carries at the
-present speed, which is the square of its ratio to AIRSPEED_MIN; 25 degrees are always permitted.
-
 In modes that fly by themselves, and in CIRCLE, the sticks are added to bank, pitch and rudder (STICK_MIXING).
 
 Differences from ArduPlane: no expo, no automatic trim, ACRO_LOCKING 0 only, no taildragger take-off; sticks are not
@@ -27,7 +24,8 @@ from cosim.frames import roll_pitch_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import angle, real, whole
 from cosim_models.autopilot.gcs.sticks import PITCH, ROLL, YAW, deflection, opening, overridden, tilt
-from cosim_models.autopilot.wing.flight import CLIMB_P, bank_for, clip, servos
+from cosim_models.autopilot.wing.energy import CLIMB_P, clip
+from cosim_models.autopilot.wing.flight import bank_for, permitted, servos
 
 __all__ = ["PILOT_MEMORY", "PILOT_PARAMETERS", "begin_pilot", "by_hand", "circling_bank", "demand", "mix_sticks"]
 __all__ += ["line_bank", "roll_stick"]
@@ -35,8 +33,6 @@ __all__ += ["line_bank", "roll_stick"]
 _MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _CRUISE = 0, 1, 2, 3, 4, 7
 _FIRST_AUTO, _LAST_AUTO, _QRTL, _LOITER_ALT_QLAND, _AUTOLAND = 10, 15, 21, 25, 26  # modes that fly by themselves
 _FBW, _NO_PITCH = 1, 4  # STICK_MIXING
-_GENTLE = math.radians(25.0)  # bank that is always permitted
-_STEEPEST = math.radians(85.0)
 _LOCKING_TIME, _LOCKING_SPEED = 0.5, 5.0  # s, m/s
 _LOOK_AHEAD = 3.0  # s, in which CRUISE returns to its line
 _RATE_P, _RATE_I = (0.15, 0.35), (1.0, 3.0)  # of roll and pitch: s/rad, 1/rad
@@ -74,21 +70,9 @@ def _speed(m: Any) -> float:
 
 
 @kernel
-def _permitted(m: Any, bank: float) -> float:
-    """Returns a bank [rad] within the load that the wing carries."""
-    if m.STALL_PREVENTION == 0:
-        return bank
-    load = (_speed(m) / max(m.AIRSPEED_MIN, 1.0)) ** 2
-    if load * math.cos(min(abs(bank), _STEEPEST)) >= 1.0:
-        return bank
-    most = max(math.acos(1.0 / load), _GENTLE) if load > 1.0 else _GENTLE
-    return clip(bank, -most, most)
-
-
-@kernel
 def roll_stick(m: Any, t: float) -> float:
     """Returns the bank [rad] that the stick of roll asks for."""
-    return _permitted(m, tilt(m, ROLL, t) * math.radians(m.ROLL_LIMIT_DEG))
+    return permitted(m, tilt(m, ROLL, t) * math.radians(m.ROLL_LIMIT_DEG))
 
 
 @kernel
@@ -197,7 +181,7 @@ def mix_sticks(m: Any, t: float) -> None:
 @kernel
 def circling_bank(m: Any) -> float:
     """Returns the bank [rad] of CIRCLE."""
-    return _permitted(m, math.radians(m.ROLL_LIMIT_DEG) / 3.0)
+    return permitted(m, math.radians(m.ROLL_LIMIT_DEG) / 3.0)
 
 
 @kernel

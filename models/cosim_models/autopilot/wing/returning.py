@@ -16,7 +16,7 @@ from cosim import Memory
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import real
 from cosim_models.autopilot.gcs.targets import go_to
-from cosim_models.autopilot.wing.flight import clip
+from cosim_models.autopilot.wing.energy import clip
 from cosim_models.autopilot.wing.hover import rise
 from cosim_models.autopilot.wing.progress import tell_return
 from cosim_models.autopilot.wing.transition import distance_to, forget_target

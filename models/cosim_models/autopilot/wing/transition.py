@@ -3,8 +3,10 @@
 From the rotors to the wing: the propeller accelerates the vehicle, which the rotors hold level at its height, up to
 AIRSPEED_MIN; then, within Q_TRANSITION_MS, the wing takes over. Back: near its place it slows down to AIRSPEED_MIN, and
 from a distance of v2 / (2 Q_TRANS_DECEL) + 2 s v on the rotors run as air brakes while the wing still steers; after a
-second at least, when it is slow or too fast for the rest of the way, the rotors alone carry it. On the wing, they come
-to its help below 3/4 of AIRSPEED_MIN, unless a switch forbids it, and at all speeds if it says so.
+second at least, when it is slow or too fast for the rest of the way, the rotors alone carry it. They fly no faster than
+it then is, or twice Q_WP_SPEED; if it flies away from its place, or its nose points elsewhere, they fly with Q_WP_SPEED
+and turn the nose there. On the wing, they come to its help below 3/4 of AIRSPEED_MIN, unless a switch forbids it, and
+at all speeds if it says so.
 
 Source: ArduPilot, ArduPlane/quadplane.cpp (SLT_Transition, vtol_position_controller), in its outlines.
 """
@@ -15,11 +17,14 @@ import math
 from typing import Any
 
 from cosim import Memory
+from cosim.frames import wrap_pi
 from cosim.kernel import kernel
 from cosim.messages import MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import real
-from cosim_models.autopilot.gcs.words import FAST_ENOUGH, ON_WING, TO_WING, say, say_figures
-from cosim_models.autopilot.wing.flight import bank_for, circle, clip, cruise_speed, fly, servos
+from cosim_models.autopilot.gcs.streams import heading
+from cosim_models.autopilot.gcs.words import FAST_ENOUGH, ON_WING, OVERSHOT, TO_WING, say, say_figures
+from cosim_models.autopilot.wing.energy import clip
+from cosim_models.autopilot.wing.flight import bank_for, circle, cruise_speed, fly, fly_lifted, servos
 from cosim_models.autopilot.wing.functions import FORBIDDEN, FORCED
 from cosim_models.autopilot.wing.hover import hover, lift_off, no_lift
 from cosim_models.autopilot.wing.progress import tell_above, tell_approach, tell_braking, tell_position, tell_rotors
@@ -53,6 +58,9 @@ _BRAKING = 1.0  # s, at least
 _TOO_FAST, _FASTER = 1.2, 2.0  # of the speed from which it can stop, and m/s above it
 _SLOWER = 2.0  # m/s below AIRSPEED_MIN
 _ASTRAY = math.cos(math.radians(60.0))
+_NOSE = math.radians(60.0)
+_PLACE = 10.0  # m, within which its nose may point anywhere
+_TWICE = 2.0  # of Q_WP_SPEED, which it may fly on the rotors until it has once been slower than Q_WP_SPEED
 
 TRANSITION_PARAMETERS = (
     real("Q_TRANSITION_MS", "ms", 5000.0, "time within which the wing takes over from the rotors", 1.0),
@@ -112,10 +120,18 @@ def on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float)
         if m.assistance == FORCED:
             m.speed_before, m.acceleration = speed, 0.0
         say_figures(m, MAV_SEVERITY_INFO, TO_WING, (speed, 0.0, 0.0, 0.0))
+    left = 1.0 - 1000.0 * (t - m.fast_since) / m.Q_TRANSITION_MS if m.fast_since >= 0.0 else 1.0
+    if left <= 0.0:
+        fly(m, bank, down, wanted, h)
+        no_lift(m)
+        if not m.told_done:
+            m.told_done = True
+            say(m, MAV_SEVERITY_INFO, ON_WING, 0)
+        return
     gentle = clip(bank, -_GENTLE, _GENTLE) if speed > _FLYING_SPEED else 0.0
     turn = _GRAVITY * math.tan(gentle) / max(speed, m.AIRSPEED_MIN)
     if m.fast_since < 0.0 and m.assistance == FORCED and speed >= m.AIRSPEED_MIN:
-        fly(m, gentle, down, wanted, h)
+        fly_lifted(m, gentle, down, wanted, h)
         lift_off(m, gentle, turn, down, 1.0, h)
         return
     if m.fast_since < 0.0:
@@ -127,15 +143,7 @@ def on_wing(m: Any, bank: float, down: float, wanted: float, t: float, h: float)
             say_figures(m, MAV_SEVERITY_INFO, FAST_ENOUGH, (speed, 0.0, 0.0, 0.0))
             m.told_done = False
         return
-    left = 1.0 - 1000.0 * (t - m.fast_since) / m.Q_TRANSITION_MS
-    if left <= 0.0:
-        fly(m, bank, down, wanted, h)
-        no_lift(m)
-        if not m.told_done:
-            m.told_done = True
-            say(m, MAV_SEVERITY_INFO, ON_WING, 0)
-        return
-    fly(m, gentle, down, wanted, h)
+    fly_lifted(m, gentle, down, wanted, h)
     m.lift = left * m.lift_before
     lift_off(m, gentle, turn, down, left, h)
 
@@ -166,7 +174,24 @@ def _has_braked(m: Any, n: float, e: float, distance: float, speed: float, t: fl
 def _take_over(m: Any) -> None:
     m.vtol, m.braking = True, False
     m.lift_trim = 0.0
-    m.arrival_speed = max(speed_of(m), 0.02 * m.Q_WP_SPEED)
+    m.arrival_speed = max(speed_of(m), _TWICE * 0.01 * m.Q_WP_SPEED)
+
+
+@kernel
+def _arrive(m: Any, n: float, e: float, distance: float, speed: float) -> None:
+    """Limits the speed on the rotors after a flight on the wing; required while `arrival_speed` is not 0."""
+    walk = 0.01 * m.Q_WP_SPEED
+    bearing = math.atan2(e - m.position[1], n - m.position[0])
+    closing = (m.velocity[0] * (n - m.position[0]) + m.velocity[1] * (e - m.position[1])) / max(distance, 1e-3)
+    off = wrap_pi(bearing - heading(m))
+    if distance > _PLACE and (closing < 0.0 or abs(off) > _NOSE):
+        m.arrival_speed = 0.0
+        m.turns_to_place = True
+        say_figures(m, MAV_SEVERITY_INFO, OVERSHOT, (distance, closing, math.degrees(off), 0.0))
+    elif speed < walk:
+        m.arrival_speed = 0.0
+    elif speed > _TWICE * walk and m.attitude_asked[1] < 0.0:
+        m.arrival_speed = min(m.arrival_speed, speed)
 
 
 @kernel
@@ -174,7 +199,7 @@ def _brake(m: Any, bank: float, d: float, h: float) -> None:
     """Flies on the wing with the rotors running."""
     gentle = clip(bank, -_GENTLE, _GENTLE)
     turn = _GRAVITY * math.tan(gentle) / max(speed_of(m), m.AIRSPEED_MIN)
-    fly(m, gentle, d, cruise_speed(m), h)
+    fly_lifted(m, gentle, d, cruise_speed(m), h)
     lift_off(m, gentle, turn, d, 1.0, h)
 
 
@@ -185,7 +210,7 @@ def travel(m: Any, n: float, e: float, d: float, t: float, h: float) -> bool:
     runs = m.lift > 0.0
     if n != m.seen[0] or e != m.seen[1]:
         m.seen[0], m.seen[1] = n, e
-        m.braking, m.arrival_speed = False, 0.0
+        m.braking, m.arrival_speed, m.turns_to_place = False, 0.0, False
         if m.vtol and distance > m.WP_LOITER_RAD:
             m.vtol = False
             m.fast_since = -1.0
@@ -201,8 +226,11 @@ def travel(m: Any, n: float, e: float, d: float, t: float, h: float) -> bool:
     elif not m.vtol and not runs and distance < 0.5 * speed * speed / m.Q_TRANS_DECEL + _MARGIN * speed:
         _begin_braking(m, distance, t)
     if m.vtol:
-        if speed < 0.01 * m.Q_WP_SPEED:
-            m.arrival_speed = 0.0
+        if m.arrival_speed > 0.0:
+            _arrive(m, n, e, distance, speed)
+        if m.turns_to_place:
+            m.held_heading = math.atan2(e - m.position[1], n - m.position[0])
+            m.turns_to_place = distance > _PLACE
         tell_above(m, distance)
         hover(m, n, e, d, h)
         return distance < THERE and speed < SLOW
