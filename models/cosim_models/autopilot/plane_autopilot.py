@@ -3,13 +3,13 @@
 A fixed wing cannot stop: to hold a place is to circle it, with WP_LOITER_RAD. GUIDED circles its target, LOITER and
 AVOID_ADSB the place where the mode was entered, LOITER_ALT_QLAND the same 15 m above home (it cannot QLAND), RTL home;
 AUTO flies missions; TAKEOFF climbs straight ahead to TKOFF_ALT and then circles; AUTOLAND lands at home
-(`wing.autoland`). A pilot flies MANUAL, STABILIZE, TRAINING, ACRO, FBWA, FBWB and CRUISE (`wing.piloted`), by
+(`wing.autoland`). A pilot flies MANUAL, STABILIZE, TRAINING, ACRO, FBWA, FBWB, CRUISE and AUTOTUNE (`wing.piloted`), by
 RC_CHANNELS_OVERRIDE and MANUAL_CONTROL; without them, the sticks are centred and the throttle is closed. Positions come
 by DO_REPOSITION and MISSION_ITEM with current 2. As in ArduPlane, the message SET_POSITION_TARGET_GLOBAL_INT changes
 the height alone, the take-off command is FAILED (it is for VTOL), and the command to land is UNSUPPORTED.
 
 Differences from ArduPlane: these loops instead of TECS and L1, no airspeed sensor (airspeed is taken as the speed over
-ground; the wind is estimated for the message WIND alone), no landing in a mission, no AUTOTUNE, no fences. Speeds and
+ground; the wind is estimated for the message WIND alone), no landing in a mission, no fences. Speeds and
 the radius of circles are made for the Aerosonde.
 
 The control of bank, height, speed and course is in `wing.flight`, fail-safes are in `wing.failsafes`. Sources of the
@@ -27,6 +27,7 @@ from cosim.kernel import kernel
 from cosim.messages import (
     HEARTBEAT,
     MAV_CMD_BATTERY_RESET,
+    MAV_CMD_DO_AUTOTUNE_ENABLE,
     MAV_CMD_DO_AUX_FUNCTION,
     MAV_CMD_DO_CHANGE_SPEED,
     MAV_CMD_DO_SET_MISSION_CURRENT,
@@ -43,7 +44,6 @@ from cosim.messages import (
     MAV_RESULT_UNSUPPORTED,
     MAV_SEVERITY_INFO,
     MAV_SEVERITY_NOTICE,
-    MAV_SEVERITY_WARNING,
     MAV_TYPE_FIXED_WING,
     RADIO_STATUS,
 )
@@ -67,8 +67,9 @@ from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
-from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_TUNING, NO_VTOL, say
+from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
 from cosim_models.autopilot.wing.arming import ARMING_MEMORY, checking, no_checks
+from cosim_models.autopilot.wing.attitude import rest
 from cosim_models.autopilot.wing.autoland import (
     AUTOLAND_MEMORY,
     AUTOLAND_PARAMETERS,
@@ -77,6 +78,7 @@ from cosim_models.autopilot.wing.autoland import (
     note_arming,
     watch_autoland,
 )
+from cosim_models.autopilot.wing.autotune import enable_tuning, end_tuning, start_tuning
 from cosim_models.autopilot.wing.failsafes import FAILSAFE_MEMORY, FAILSAFE_PARAMETERS, drain_battery, failsafes
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
@@ -86,7 +88,6 @@ from cosim_models.autopilot.wing.flight import (
     cruise_speed,
     fly,
     launch,
-    rest,
     take_off,
     wing_parameters,
 )
@@ -116,6 +117,7 @@ class PlaneMode(IntEnum):
     FBWA = 5
     FBWB = 6
     CRUISE = 7
+    AUTOTUNE = 8
     AUTO = 10
     RTL = 11
     LOITER = 12
@@ -127,9 +129,9 @@ class PlaneMode(IntEnum):
 
 
 _MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _FBWA, _FBWB, _CRUISE = map(int, list(PlaneMode)[:8])
-_AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED, _LOITER_ALT_QLAND, _AUTOLAND = map(int, list(PlaneMode)[8:])
-_AUTOTUNE = 8
-_BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA)
+_AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED, _LOITER_ALT_QLAND, _AUTOLAND = map(int, list(PlaneMode)[9:])
+_AUTOTUNE = int(PlaneMode.AUTOTUNE)
+_BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA, _AUTOTUNE)
 _KNOWN = tuple(map(int, PlaneMode))
 _LOITER_ALT = 15.0  # m above home, Q_RTL_ALT without rotors
 _ON_CIRCLE = 1.1  # of WP_LOITER_RAD
@@ -178,8 +180,6 @@ def _is_there(m: Any) -> bool:
 @kernel
 def _change_mode(m: Any, mode: int, t: float) -> int:
     if mode not in _KNOWN:
-        if mode == _AUTOTUNE:
-            say(m, MAV_SEVERITY_WARNING, NO_TUNING, 0)
         return MAV_RESULT_FAILED
     if mode == m.mode:
         return MAV_RESULT_ACCEPTED
@@ -204,6 +204,10 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     if mode != _AUTOLAND:
         hold_here(m)
     begin_pilot(m)
+    if mode == _AUTOTUNE:
+        start_tuning(m)
+    elif m.tuning_told:
+        end_tuning(m)
     if mode == _TAKEOFF:
         if not m.on_ground:
             say(m, MAV_SEVERITY_INFO, CLIMBING, 0)
@@ -255,6 +259,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
         return MAV_RESULT_FAILED
     if command == MAV_CMD_DO_SET_MISSION_CURRENT:
         return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
+    if command == MAV_CMD_DO_AUTOTUNE_ENABLE:
+        return enable_tuning(m, p1)
     if command == MAV_CMD_DO_CHANGE_SPEED:
         return change_speed(m, p1, p2)
     return MAV_RESULT_UNSUPPORTED
@@ -411,7 +417,7 @@ def advance(m: Any, t: float, h: float) -> int:
             repeat_home(m, t)
         if t >= m.checks_due:
             _watch_checks(m, t)
-        m.rotated, m.elevator_trim = False, 0.0
+        m.rotated, m.aileron_trim, m.elevator_trim = False, 0.0, 0.0
         rest(m)
     speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
     m.on_ground = m.ground_down - m.position[2] < _FLYING_HEIGHT and speed < _FLYING_SPEED

@@ -5,9 +5,9 @@ Q_GUIDED_MODE 1, a new target farther away than WP_LOITER_RAD is flown to on the
 the vehicle hovers at it; with 0, it circles its target as a fixed wing. NAV_TAKEOFF in GUIDED, and the missions'
 take-offs, are vertical; VTOL_LAND, QLAND and QRTL land vertically, as does LOITER_ALT_QLAND after a descent on the
 wing. A pilot flies QSTABILIZE, QHOVER, QLOITER and QACRO (`wing.lifted`); without one, QHOVER keeps level, QLOITER its
-place. STABILIZE, FBWA, FBWB and CRUISE get onto the wing with its own throttle; in MANUAL, TRAINING and ACRO the rotors
-stop. All other modes and answers are those of `PlaneAutopilot`. `wing.transition` describes the ways between rotors and
-wing.
+place. STABILIZE, FBWA, FBWB, CRUISE and AUTOTUNE get onto the wing with its own throttle; in MANUAL, TRAINING and ACRO
+the rotors stop. All other modes and answers are those of `PlaneAutopilot`. `wing.transition` describes the ways between
+rotors and wing.
 
 Differences from ArduPlane: those of `PlaneAutopilot`; Q_GUIDED_MODE and Q_MAV_TYPE are 0 there; no assistance by angle,
 no weathervaning but that by the fin, no tilting rotors.
@@ -26,6 +26,7 @@ from cosim.kernel import kernel
 from cosim.messages import (
     HEARTBEAT,
     MAV_CMD_BATTERY_RESET,
+    MAV_CMD_DO_AUTOTUNE_ENABLE,
     MAV_CMD_DO_AUX_FUNCTION,
     MAV_CMD_DO_CHANGE_SPEED,
     MAV_CMD_DO_SET_MISSION_CURRENT,
@@ -85,6 +86,8 @@ from cosim_models.autopilot.gcs.words import (
     say_figures,
 )
 from cosim_models.autopilot.wing.arming import ARMING_MEMORY, checking, lifted_checks, lifted_missions
+from cosim_models.autopilot.wing.attitude import rest
+from cosim_models.autopilot.wing.autotune import enable_tuning, end_tuning, start_tuning
 from cosim_models.autopilot.wing.failsafes import FAILSAFE_MEMORY, FAILSAFE_PARAMETERS, drain_battery, failsafes
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
@@ -92,7 +95,6 @@ from cosim_models.autopilot.wing.flight import (
     change_speed,
     cruise_speed,
     launch,
-    rest,
     take_off,
     wing_parameters,
 )
@@ -153,6 +155,7 @@ class QuadplaneMode(IntEnum):
     FBWA = 5
     FBWB = 6
     CRUISE = 7
+    AUTOTUNE = 8
     AUTO = 10
     RTL = 11
     LOITER = 12
@@ -169,10 +172,11 @@ class QuadplaneMode(IntEnum):
 
 
 _MANUAL, _CIRCLE, _STABILIZE, _TRAINING, _ACRO, _FBWA, _FBWB, _CRUISE = map(int, list(QuadplaneMode)[:8])
-_AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED = map(int, list(QuadplaneMode)[8:14])
-_QSTABILIZE, _QHOVER, _QLOITER, _QLAND, _QRTL, _QACRO, _LOITER_ALT_QLAND = map(int, list(QuadplaneMode)[14:])
+_AUTO, _RTL, _LOITER, _TAKEOFF, _AVOID_ADSB, _GUIDED = map(int, list(QuadplaneMode)[9:15])
+_QSTABILIZE, _QHOVER, _QLOITER, _QLAND, _QRTL, _QACRO, _LOITER_ALT_QLAND = map(int, list(QuadplaneMode)[15:])
 _KNOWN = tuple(map(int, QuadplaneMode))
-_BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA)
+_AUTOTUNE = int(QuadplaneMode.AUTOTUNE)
+_BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA, _AUTOTUNE)
 _PILOTED = (*_BY_HAND, _FBWB, _CRUISE, _QSTABILIZE, _QACRO)
 _BY_ROTORS = (_QSTABILIZE, _QHOVER, _QLOITER, _QACRO)
 _UNASSISTED = (_MANUAL, _TRAINING, _ACRO)  # the rotors stop
@@ -188,7 +192,7 @@ _LANDED_SPEED, _LANDED_TIME = (
 _STATE_MC, _STATE_FW = 3, 4
 _OPTION_QRTL, _OPTION_RTL = 1 << 5, 1 << 20  # Q_OPTIONS
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
-_AUTOTUNE, _QAUTOTUNE, _AUTOLAND = 8, 22, 26
+_QAUTOTUNE, _AUTOLAND = 22, 26
 _FLOWN = (
     MAV_CMD_NAV_WAYPOINT,
     MAV_CMD_NAV_LOITER_UNLIM,
@@ -257,7 +261,7 @@ _hear_mission = mission_protocol(_FLOWN)
 @kernel
 def _change_mode(m: Any, mode: int, t: float) -> int:
     if mode not in _KNOWN:
-        if mode in (_AUTOTUNE, _QAUTOTUNE):
+        if mode == _QAUTOTUNE:
             say(m, MAV_SEVERITY_WARNING, NO_TUNING, 0)
         if mode == _AUTOLAND:
             say(m, MAV_SEVERITY_WARNING, NOT_FLYING if m.on_ground else NO_AUTOLAND, 0)
@@ -292,6 +296,10 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     note_target(m)
     begin_pilot(m)
     begin_lifted(m)
+    if mode == _AUTOTUNE:
+        start_tuning(m)
+    elif m.tuning_told:
+        end_tuning(m)
     if mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
         begin_launch(m)
@@ -369,6 +377,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
         return MAV_RESULT_ACCEPTED
     if command == MAV_CMD_DO_SET_MISSION_CURRENT:
         return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
+    if command == MAV_CMD_DO_AUTOTUNE_ENABLE:
+        return enable_tuning(m, p1)
     if command == MAV_CMD_DO_CHANGE_SPEED:
         return change_speed(m, p1, p2)
     return MAV_RESULT_UNSUPPORTED
@@ -517,7 +527,7 @@ def _pilot(m: Any, t: float, h: float) -> None:
         no_lift(m)
         by_hand(m, t, h)
         return
-    elif m.mode == _FBWA:
+    elif m.mode in (_FBWA, _AUTOTUNE):
         bank = roll_stick(m, t)
     on_wing(m, bank, down, wanted, t, h)
 
@@ -634,7 +644,8 @@ def advance(m: Any, t: float, h: float) -> int:
             repeat_home(m, t)
         if t >= m.checks_due:
             _watch_checks(m, t)
-        m.rotated, m.elevator_trim, m.held_heading = False, 0.0, heading(m)
+        m.rotated, m.held_heading = False, heading(m)
+        m.aileron_trim, m.elevator_trim = 0.0, 0.0
     m.on_ground = not m.armed or (m.ground_down - m.position[2] < _FLYING_HEIGHT and speed_of(m) < _FLYING_SPEED)
     for i in range(3):
         m.desired_velocity[i] = m.velocity[i]

@@ -13,7 +13,7 @@ from cosim.frames import euler_from_quaternion
 from tests.models.autopilot.test_small_autopilots import SET_MODE, made, started
 from tests.models.pair import ACCEPTED, FAILED, Pair
 
-MANUAL, CIRCLE, STABILIZE, TRAINING, ACRO, FBWA, FBWB, CRUISE, AUTOTUNE = range(9)
+MANUAL, CIRCLE, STABILIZE, TRAINING, ACRO, FBWA, FBWB, CRUISE = range(8)
 GRAVITY = 9.80665
 
 
@@ -212,7 +212,7 @@ def test_manual_control_is_obeyed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("mode", "text"), [(AUTOTUNE, "Flight mode change failed"), (9, "No such mode 9"), (17, "Q_ENABLE 0")]
+    ("mode", "text"), [(24, "Flight mode change failed"), (9, "No such mode 9"), (17, "Q_ENABLE 0")]
 )
 def test_modes_that_it_does_not_have_are_refused(mode: int, text: str) -> None:
     p = high(FBWA)

@@ -179,7 +179,7 @@ def test_avoid_adsb_circles_on_the_wing() -> None:
     assert state(p) == mavlink.MAV_VTOL_STATE_FW
 
 
-@pytest.mark.parametrize("mode", [8, 22, 24, 26])
+@pytest.mark.parametrize("mode", [22, 24, 26])
 def test_modes_that_it_does_not_have_are_refused(mode: int) -> None:
     p = aloft(QHOVER)
     assert p.ask(SET_MODE, 1, mode) == FAILED

@@ -59,8 +59,8 @@ KINDS = {
     "point mass": Kind(PointMass, IdealAutopilot, 2, 4, 6, 0, ACCEPTED, ACCEPTED, (99, 3, 16)),
     "rover": Kind(Rover, RoverAutopilot, 10, 15, 11, 0, UNSUPPORTED, UNSUPPORTED, (99, 8, 6)),
     "boat": Kind(Boat, RoverAutopilot, 11, 15, 11, 0, UNSUPPORTED, UNSUPPORTED, (99, 8, 6)),
-    "plane": Kind(FixedWing, PlaneAutopilot, 1, 15, 11, 0, FAILED, UNSUPPORTED, (99, 9, 8)),
-    "quadplane": Kind(Quadplane, QuadplaneAutopilot, 20, 15, 11, 0, ACCEPTED, UNSUPPORTED, (99, 9, 8, 22)),
+    "plane": Kind(FixedWing, PlaneAutopilot, 1, 15, 11, 0, FAILED, UNSUPPORTED, (99, 9, 24)),
+    "quadplane": Kind(Quadplane, QuadplaneAutopilot, 20, 15, 11, 0, ACCEPTED, UNSUPPORTED, (99, 9, 24, 22)),
 }
 
 

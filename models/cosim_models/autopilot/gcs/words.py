@@ -98,6 +98,7 @@ __all__ = [
     "NOT_FLYING",
     "NOT_LEARNING",
     "NO_AUTOLAND",
+    "NO_AXIS",
     "NO_DIRECTION",
     "NO_DOCK",
     "NO_EFFECT",
@@ -111,6 +112,7 @@ __all__ = [
     "NO_TUNING",
     "NO_VTOL",
     "ON_WING",
+    "OVERSHOT",
     "PLANE",
     "RALLY_FETCH_BAD",
     "RALLY_FETCH_OLD",
@@ -141,6 +143,12 @@ __all__ = [
     "TRACK_FULL",
     "TRANSITION_AUTO",
     "TRIGGERED",
+    "TUNED_D",
+    "TUNED_P",
+    "TUNES",
+    "TUNING_DONE",
+    "TUNING_STARTS",
+    "TUNING_STOPS",
     "UNKNOWN_FRAME",
     "USE_INT",
     "WAITS",
@@ -278,6 +286,22 @@ _WORDS = (
     "Arm: @ not in VTOL takeoff",
     "Arm: @ missing takeoff waypoint",
     "Gains are fixed here, none is tuned",
+    "Started autotune",
+    "Stopped autotune",
+    "No axis selected for tuning!",
+    "Autotuning roll ",
+    "Autotuning pitch ",
+    "Autotuning roll pitch ",
+    "Autotuning yaw",
+    "Autotuning roll yaw",
+    "Autotuning pitch yaw",
+    "Autotuning roll pitch yaw",
+    "RollD: &",
+    "PitchD: &",
+    "RollP: &",
+    "PitchP: &",
+    "Roll: Finished",
+    "Pitch: Finished",
     "Takeoff initial direction not set",
     "Autoland direction= %",
     "Loiter to alt complete",
@@ -416,6 +440,22 @@ _WORDS = (
     ARM_NOT_TAKEOFF,
     ARM_NO_TAKEOFF,
     NO_TUNING,
+    TUNING_STARTS,
+    TUNING_STOPS,
+    NO_AXIS,
+    TUNES,
+    _,
+    _,
+    _,
+    _,
+    _,
+    _,
+    TUNED_D,
+    _,
+    TUNED_P,
+    _,
+    TUNING_DONE,
+    _,
     NO_DIRECTION,
     DIRECTION,
     CIRCLED,
@@ -446,7 +486,8 @@ _WORDS = (
     *_SWITCHES_MORE,
 ) = (cast(int, np.int64(i)) for i in range(len(_WORDS)))
 """LOST and CLEARED: the texts of the radio, followed by those of the ground station; BATTERY_ALARM: low, then critical;
-ARM_BATTERY: the first of eight; ASSISTANCE and, for each of TOLD, SWITCHES: of the positions low, middle and high."""
+ARM_BATTERY: the first of eight; ASSISTANCE and, for each of TOLD, SWITCHES: of the positions low, middle and high;
+TUNES: of the bits of AUTOTUNE_AXES from 1 on; TUNED_D, TUNED_P and TUNING_DONE: roll, then pitch."""
 REFUSED, ASKED, SILENT = (cast(int, np.int64(i)) for i in range(3))
 """How failed checks are told, `checks_told`."""
 _SIZE = 50
@@ -455,7 +496,7 @@ for _row, _words in enumerate(_WORDS):
     _TEXT[_row, : len(_words)] = np.frombuffer(_words.encode(), np.uint8)
 _PRE = np.frombuffer(b"Pre", np.uint8)  # before "Arm: "
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
-_PERCENT, _TENTHS, _HUNDREDTHS, _MILLIONTHS, _POINT, _MINUS, _ZERO, _NAME = b"%~$^.-0@"
+_PERCENT, _TENTHS, _HUNDREDTHS, _FOUR, _MILLIONTHS, _POINT, _MINUS, _ZERO, _NAME = b"%~$&^.-0@"
 
 
 @kernel
@@ -486,6 +527,8 @@ def _decimals(byte: int) -> int:
     """Returns the decimals of the figure in the place of a byte of a text, -1 if that is no such place."""
     if byte == _PERCENT:
         return 0
+    if byte == _FOUR:
+        return 4
     return 1 if byte == _TENTHS else 2 if byte == _HUNDREDTHS else 6 if byte == _MILLIONTHS else -1
 
 
@@ -532,9 +575,9 @@ def _say(m: Any, severity: int, text: int, figures: tuple[float, float, float, f
 
 @kernel
 def say_figures(m: Any, severity: int, text: int, figures: tuple[float, float, float, float]) -> None:
-    """Sends a STATUSTEXT with figures in the places of its "%" (no decimals), "~" (one), "$" (two) and "^" (six).
+    """Sends a STATUSTEXT with figures in the places of its "%", "~", "$", "&" and "^".
 
-    If there is no room, it is left out.
+    They have no decimals, one, two, four and six. If there is no room, it is left out.
     """
     _say(m, severity, text, figures, 0)
 

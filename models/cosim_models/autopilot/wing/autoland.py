@@ -41,8 +41,9 @@ from cosim_models.autopilot.gcs.words import (
     say,
     say_figures,
 )
+from cosim_models.autopilot.wing.attitude import servos
 from cosim_models.autopilot.wing.energy import CLIMB_P, clip
-from cosim_models.autopilot.wing.flight import bank_for, cruise_speed, fly, servos
+from cosim_models.autopilot.wing.flight import bank_for, cruise_speed, fly
 from cosim_models.autopilot.wing.piloted import line_bank
 
 __all__ = ["AUTOLAND_MEMORY", "AUTOLAND_PARAMETERS", "begin_autoland", "land_on_wheels", "note_arming"]

@@ -101,7 +101,7 @@ def energy(m: Any, down: float, wanted: float, weight: float, h: float) -> tuple
         weight: of the speed in the balance, 0 to 2.
     """
     speed = max(math.sqrt(m.velocity[0] ** 2 + m.velocity[1] ** 2 + m.velocity[2] ** 2), 5.0)
-    m.acceleration += clip(h / 0.5, 0.0, 1.0) * ((speed - m.speed_before) / h - m.acceleration)
+    m.acceleration += min(2.0 * h, 1.0) * ((speed - m.speed_before) / h - m.acceleration)
     m.speed_before = speed
     climb = clip(CLIMB_P * (m.position[2] - down), -m.TECS_SINK_MAX, m.TECS_CLMB_MAX)
     path, gain = -m.velocity[2] / speed, m.acceleration / _GRAVITY

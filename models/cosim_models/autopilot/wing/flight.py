@@ -1,12 +1,12 @@
-"""Flight on wings: bank, pitch, speed and circles of the autopilots of fixed wings and quadplanes.
+"""Flight on wings: speeds, courses and circles of the autopilots of fixed wings and quadplanes.
 
-Height and speed are controlled together (`wing.energy`). The course follows the vector field around the circle, which
-leads straight to its centre from afar. Bank and pitch have proportional loops with rate damping. With STALL_PREVENTION,
-the bank stays within the load that the wing carries at the present speed, which is the square of its ratio to
-AIRSPEED_MIN; 25 degrees are always permitted.
+Height and speed are controlled together (`wing.energy`), bank and pitch by `wing.attitude`. The course follows the
+vector field around the circle, which leads straight to its centre from afar. With STALL_PREVENTION, the bank stays
+within the load that the wing carries at the present speed, which is the square of its ratio to AIRSPEED_MIN; 25 degrees
+are always permitted.
 
 Kernels over a record that has `wing_parameters` and `WING_MEMORY` beside the variables of `gcs.record`, `wing.piloted`
-and `wing.functions`. They write the first four elements of `motor`: aileron, elevator, throttle, rudder.
+and `wing.functions`.
 
 Source: R. W. Beard, T. W. McLain, Small Unmanned Aircraft, Princeton 2012, chapter 10 (orbits).
 """
@@ -18,12 +18,13 @@ from dataclasses import replace
 from typing import Any
 
 from cosim import Memory, Parameter, Variable
-from cosim.frames import roll_pitch_from_quaternion, wrap_pi, yaw_from_quaternion
+from cosim.frames import wrap_pi, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import MAV_RESULT_ACCEPTED, MAV_RESULT_DENIED, MAV_RESULT_FAILED, MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import angle, real
 from cosim_models.autopilot.gcs.targets import go_to
 from cosim_models.autopilot.gcs.words import GROUNDSPEED, say
+from cosim_models.autopilot.wing.attitude import ATTITUDE_MEMORY, ATTITUDE_PARAMETERS, servos
 from cosim_models.autopilot.wing.energy import ENERGY_MEMORY, ENERGY_PARAMETERS, clip, energy
 
 __all__ = [
@@ -36,8 +37,6 @@ __all__ = [
     "fly_lifted",
     "launch",
     "permitted",
-    "rest",
-    "servos",
     "take_off",
     "wing_parameters",
 ]
@@ -45,7 +44,6 @@ __all__ = [
 _GRAVITY = 9.80665
 _GENTLE = math.radians(25.0)  # bank that is always permitted
 _STEEPEST = math.radians(85.0)
-_UPRIGHT, _STEEP = math.cos(1.0), math.tan(1.0)  # of the bank beyond which the turn does not become tighter
 _FASTEST = 1000.0  # m/s, of a speed that may be asked for
 _ROTATION = 0.7  # share of AIRSPEED_CRUISE at which it raises its nose
 
@@ -69,6 +67,7 @@ _PARAMETERS = (
     real("TRIM_THROTTLE", "%", 40.0, "throttle of level flight"),
     real("THR_MAX", "%", 75.0, "greatest throttle", 1.0),
     *ENERGY_PARAMETERS,
+    *ATTITUDE_PARAMETERS,
     real("TKOFF_ALT", "m", 50.0, "height above home at which mode TAKEOFF ends", 1.0),
     real("TKOFF_THR_MAX", "%", 40.0, "throttle of the take-off", 1.0),
     angle("TKOFF_LVL_PITCH", 15.0, "pitch of the take-off"),
@@ -77,7 +76,7 @@ _PARAMETERS = (
 WING_MEMORY = (
     Memory("home_due"),  # s, when home is told again
     *ENERGY_MEMORY,
-    Memory("elevator_trim"),
+    *ATTITUDE_MEMORY,
     Memory("runway"),  # rad, course of the take-off
     Memory("rotated", dtype="?"),
     Memory("least_speed"),  # m/s over ground, of DO_CHANGE_SPEED
@@ -98,47 +97,11 @@ def wing_parameters(**start: float) -> tuple[Variable, ...]:
 
 
 @kernel
-def rest(m: Any) -> None:
-    m.motor[0], m.motor[1], m.motor[2], m.motor[3] = 0.5, 0.5, 0.0, 0.5
-
-
-@kernel
 def launch(m: Any, down: float) -> None:
     """Begins the take-off along the present heading, up to a down coordinate."""
     go_to(m, m.position[0], m.position[1], down)
     m.taking_off = True
     m.runway = yaw_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
-
-
-@kernel
-def _sine_and_cosine_of_roll(m: Any) -> tuple[float, float]:
-    """Returns both in fewer instructions than by the angle; those of 0 if vertical."""
-    w, x, y, z = m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]
-    side, up = 2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)
-    size = math.sqrt(side * side + up * up)
-    return (side / size, up / size) if size > 1e-6 else (0.0, 1.0)
-
-
-@kernel
-def servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None:
-    """Commands the deflections for a bank and a pitch [rad], and the throttle."""
-    roll, nose = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
-    p, q, r = float(m.angular_velocity[0]), float(m.angular_velocity[1]), float(m.angular_velocity[2])
-    speed = max(math.sqrt(m.velocity[0] ** 2 + m.velocity[1] ** 2 + m.velocity[2] ** 2), 5.0)
-    across, upright = _sine_and_cosine_of_roll(m)
-    up = 1.0
-    if m.inverted:
-        bank, up = bank + math.pi, -1.0
-    slope = across / upright if up * upright > _UPRIGHT else up * math.copysign(_STEEP, across)
-    turn = _GRAVITY * slope / speed  # rad/s of a level turn
-    aileron = 1.0 * wrap_pi(bank - roll) - 0.15 * p
-    m.elevator_trim = clip(m.elevator_trim + 0.8 * (pitch - nose) * h, -1.0, 1.0)
-    elevator = up * (m.elevator_trim + 2.0 * (pitch - nose)) - 0.35 * (q - turn * across)
-    rudder = 0.3 * (turn * upright - r)
-    m.motor[0] = 0.5 + 0.5 * clip(aileron, -1.0, 1.0)
-    m.motor[1] = 0.5 + 0.5 * clip(elevator, -1.0, 1.0)
-    m.motor[2] = clip(throttle, 0.0, 1.0)
-    m.motor[3] = 0.5 + 0.5 * clip(rudder, -1.0, 1.0)
 
 
 @kernel

@@ -21,6 +21,7 @@ from cosim.kernel import kernel
 from cosim.messages import MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.switches import ARM_AIR_MODE, HIGH, return_to_switch
 from cosim_models.autopilot.gcs.words import ASSISTANCE, NO_EFFECT, say
+from cosim_models.autopilot.wing.autotune import end_tuning, start_tuning
 
 __all__ = ["ASSISTS", "FORBIDDEN", "FORCED", "FUNCTION_MEMORY", "MODE_FUNCTIONS", "SWITCHED_MODES", "own_functions"]
 
@@ -51,9 +52,10 @@ ASSISTS, FORCED, FORBIDDEN = (cast(int, np.int64(i)) for i in range(3))
 _INVERTED, _ASSIST, _AIR_MODE, _RESET, _EMERGENCY_LANDING = 43, 82, 84, 96, 157
 _LOW, _MIDDLE = 0, 1
 _GPS = 65
-_IDLE = (22, 64, 86, 87, 88, 89, 91, 95, 106, 107, 155, 160, 173, 176, 180, 208, 209, 210)
-"""For parachute, reverse thrust, terrain, crow flaps, soaring, flare, airspeed sensor, tail wheel, tuning, trims,
-landings, weather vane, forward throttle, flaps and air brakes."""
+_IDLE = (22, 64, 86, 87, 88, 89, 91, 95, 106, 155, 160, 173, 176, 180, 208, 209, 210)
+"""For parachute, reverse thrust, terrain, crow flaps, soaring, flare, airspeed sensor, tail wheel, tests of gains,
+trims, landings, weather vane, forward throttle, flaps and air brakes."""
+_AUTOTUNE = 107
 
 FUNCTION_MEMORY = (
     Memory("inverted", dtype="?"),
@@ -78,6 +80,11 @@ def _set(m: Any, function: int, at: int) -> bool:
     elif function == _EMERGENCY_LANDING:
         if at != _MIDDLE:
             m.emergency_landing = at == HIGH
+    elif function == _AUTOTUNE:
+        if at == HIGH:
+            start_tuning(m)
+        else:
+            end_tuning(m)
     elif function in _IDLE or function in (_INVERTED, _ASSIST, _AIR_MODE):
         say(m, MAV_SEVERITY_INFO, NO_EFFECT, function)
     else:

@@ -21,8 +21,8 @@ from cosim import Memory
 from cosim.frames import euler_from_quaternion, roll_pitch_from_quaternion, wrap_pi, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import angle, real
+from cosim_models.autopilot.wing.attitude import rest, servos
 from cosim_models.autopilot.wing.energy import clip
-from cosim_models.autopilot.wing.flight import rest, servos
 
 __all__ = ["HOVER_MEMORY", "HOVER_PARAMETERS", "glide", "hover", "lean_by_rates", "lean_to", "level_flight", "lift_off"]
 __all__ += ["no_lift", "rise", "sink", "square_root_speed"]

@@ -22,8 +22,8 @@ from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import real
 from cosim_models.autopilot.gcs.sticks import PITCH, ROLL, THROTTLE, YAW, deflection, opening
 from cosim_models.autopilot.gcs.streams import heading
+from cosim_models.autopilot.wing.attitude import rest
 from cosim_models.autopilot.wing.energy import clip
-from cosim_models.autopilot.wing.flight import rest
 from cosim_models.autopilot.wing.hover import glide, lean_by_rates, lean_to, level_flight, no_lift
 
 __all__ = ["LIFT_MEMORY", "LIFT_PARAMETERS", "begin_lifted", "by_rotors", "lifts_off"]

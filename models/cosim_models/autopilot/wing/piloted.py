@@ -24,8 +24,9 @@ from cosim.frames import roll_pitch_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import angle, real, whole
 from cosim_models.autopilot.gcs.sticks import PITCH, ROLL, YAW, deflection, opening, overridden, tilt
+from cosim_models.autopilot.wing.attitude import servos
 from cosim_models.autopilot.wing.energy import CLIMB_P, clip
-from cosim_models.autopilot.wing.flight import bank_for, permitted, servos
+from cosim_models.autopilot.wing.flight import bank_for, permitted
 
 __all__ = ["PILOT_MEMORY", "PILOT_PARAMETERS", "begin_pilot", "by_hand", "circling_bank", "demand", "mix_sticks"]
 __all__ += ["line_bank", "roll_stick"]

@@ -23,8 +23,9 @@ from cosim.messages import MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import real
 from cosim_models.autopilot.gcs.streams import heading
 from cosim_models.autopilot.gcs.words import FAST_ENOUGH, ON_WING, OVERSHOT, TO_WING, say, say_figures
+from cosim_models.autopilot.wing.attitude import servos
 from cosim_models.autopilot.wing.energy import clip
-from cosim_models.autopilot.wing.flight import bank_for, circle, cruise_speed, fly, fly_lifted, servos
+from cosim_models.autopilot.wing.flight import bank_for, circle, cruise_speed, fly, fly_lifted
 from cosim_models.autopilot.wing.functions import FORBIDDEN, FORCED
 from cosim_models.autopilot.wing.hover import hover, lift_off, no_lift
 from cosim_models.autopilot.wing.progress import tell_above, tell_approach, tell_braking, tell_position, tell_rotors
