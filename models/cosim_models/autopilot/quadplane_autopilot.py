@@ -659,6 +659,8 @@ def advance(m: Any, t: float, h: float) -> int:
             estimate_wind(m, t)
         if m.sticks_known:
             mix_sticks(m, t)
+        if m.inverted_asked:
+            m.inverted = on_wing_alone(m, t) and not (m.braking or m.taking_off or m.on_ground)
         _act(m, t, h)
     if m.emergency_stop:
         m.motor[2] = 0.0

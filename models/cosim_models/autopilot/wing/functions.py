@@ -1,8 +1,9 @@
 """Functions of switches that planes have and rovers have not, and the modes that switches change to.
 
-Inverted flight is that of a plane without rotors, in all modes but MANUAL and ACRO. On quadplanes, the rotors' help on
-the wing can be forbidden and forced, and air mode lets them turn with the throttle closed in QSTABILIZE and QACRO. The
-emergency landing makes fail-safes glide (FBWA). Of functions of parts that are not on board, a text says so.
+Inverted flight is that of the wing, in all modes but MANUAL and ACRO; while rotors run, it is upright. On quadplanes,
+the rotors' help on the wing can be forbidden and forced, and air mode lets them turn with the throttle closed in
+QSTABILIZE and QACRO. The emergency landing makes fail-safes glide (FBWA). Of functions of parts that are not on board,
+a text says so.
 
 Kernels over a record that has `SWITCH_MEMORY` of `gcs.switches` and `FUNCTION_MEMORY`.
 
@@ -58,6 +59,7 @@ trims, landings, weather vane, forward throttle, flaps and air brakes."""
 _AUTOTUNE = 107
 
 FUNCTION_MEMORY = (
+    Memory("inverted_asked", dtype="?"),
     Memory("inverted", dtype="?"),
     Memory("assistance", dtype="i4"),
     Memory("air_mode", dtype="?", rare=True),  # by its switch
@@ -69,8 +71,9 @@ FUNCTION_MEMORY = (
 @kernel
 def _set(m: Any, function: int, at: int) -> bool:
     """Does what needs no kernel of the vehicle; returns whether a function is one of these."""
-    if function == _INVERTED and not m.lifts:
-        m.inverted = at == HIGH
+    if function == _INVERTED:
+        m.inverted_asked = at == HIGH
+        m.inverted = m.inverted_asked and not m.lifts
     elif function == _ASSIST and m.lifts:
         m.assistance = FORCED if at == HIGH else FORBIDDEN if at == _LOW else ASSISTS
         say(m, MAV_SEVERITY_INFO, ASSISTANCE + at, 0)
@@ -85,7 +88,7 @@ def _set(m: Any, function: int, at: int) -> bool:
             start_tuning(m)
         else:
             end_tuning(m)
-    elif function in _IDLE or function in (_INVERTED, _ASSIST, _AIR_MODE):
+    elif function in _IDLE or function in (_ASSIST, _AIR_MODE):
         say(m, MAV_SEVERITY_INFO, NO_EFFECT, function)
     else:
         return False
