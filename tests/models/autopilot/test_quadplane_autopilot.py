@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim.frames import euler_from_quaternion, quaternion_from_euler
 from cosim_models.autopilot.quadplane_autopilot import QuadplaneAutopilot
 from cosim_models.autopilot.wing.returning import approach_height
 from cosim_models.vehicles.quadplane import Quadplane
@@ -297,6 +298,24 @@ def test_its_rotors_brake_for_a_second_at_least_before_they_take_over() -> None:
     assert wanted == pytest.approx(min(math.sqrt(2.0 * distance), 16.0), abs=0.1)  # AIRSPEED_CRUISE
     assert speed > max(1.2 * wanted, wanted + 2.0) - 0.1 or speed < 10.0  # AIRSPEED_MIN - 2
     assert over - braking > 1.0 and height == pytest.approx(20.0, abs=2.0)
+
+
+@pytest.mark.parametrize(("lean", "over"), [(7.0, False), (25.0, True)])
+def test_its_rotors_take_over_when_a_gust_turns_it_by_ten_degrees(lean: float, over: bool) -> None:
+    p = hovering()
+    assert p.reposition(400.0, 0.0, 20.0) == ACCEPTED
+    while not p.m.braking:
+        p.one_step()
+        assert p.time < 60.0
+    began = p.time
+    while p.time < began + 2.0:
+        p.one_step()
+        pitch = euler_from_quaternion(tuple(map(float, p.v.attitude)))[1]
+        assert p.time < began + 1.0 or abs(math.degrees(pitch - p.m.wanted_pitch)) < 6.0  # the rotors hold it, too
+    assert p.m.braking
+    p.v.attitude = quaternion_from_euler(math.radians(lean), pitch, 0.0)
+    p.until(p.time + 0.1)
+    assert bool(p.m.vtol) == over and bool(p.m.braking) != over
 
 
 def test_it_tells_how_far_a_place_on_the_wing_is() -> None:

@@ -91,12 +91,13 @@ def servos(m: Any, bank: float, pitch: float, throttle: float, h: float) -> None
     turn = _GRAVITY * slope / speed  # rad/s of a level turn
     roll_error, pitch_error = wrap_pi(bank - roll), pitch - nose
     roll_rate, tilt = roll_error / m.RLL2SRV_TCONST, pitch_error / m.PTCH2SRV_TCONST
-    if m.RLL2SRV_RMAX > 0.0:
-        roll_rate = clip(roll_rate, -math.radians(m.RLL2SRV_RMAX), math.radians(m.RLL2SRV_RMAX))
-    if m.PTCH2SRV_RMAX_UP > 0.0:
-        tilt = min(tilt, math.radians(m.PTCH2SRV_RMAX_UP))
-    if m.PTCH2SRV_RMAX_DN > 0.0:
-        tilt = max(tilt, -math.radians(m.PTCH2SRV_RMAX_DN))
+    if m.RLL2SRV_RMAX + m.PTCH2SRV_RMAX_UP + m.PTCH2SRV_RMAX_DN > 0.0:
+        if m.RLL2SRV_RMAX > 0.0:
+            roll_rate = clip(roll_rate, -math.radians(m.RLL2SRV_RMAX), math.radians(m.RLL2SRV_RMAX))
+        if m.PTCH2SRV_RMAX_UP > 0.0:
+            tilt = min(tilt, math.radians(m.PTCH2SRV_RMAX_UP))
+        if m.PTCH2SRV_RMAX_DN > 0.0:
+            tilt = max(tilt, -math.radians(m.PTCH2SRV_RMAX_DN))
     pitch_rate = up * tilt + m.PTCH2SRV_RLL * turn * across
     p_miss, q_miss = roll_rate - p, pitch_rate - q
     m.aileron_trim = clip(m.aileron_trim + m.RLL_RATE_I * p_miss * h, -m.RLL_RATE_IMAX, m.RLL_RATE_IMAX)

@@ -56,9 +56,9 @@ ENERGY_MEMORY = (
     Memory("speed_before"),  # m/s
     Memory("acceleration"),  # m/s2, filtered
     Memory("strained", dtype="?"),  # the throttle is at its limit, or what follows from it lasts
-    Memory("at_limit", dtype="?", rare=True),  # the throttle is
-    Memory("slower", rare=True),  # m/s by which the greatest speed is below AIRSPEED_MAX
-    Memory("slow_for", rare=True),  # s that it counts as too slow at least; 0: it is not
+    Memory("at_limit", dtype="?"),  # the throttle is
+    Memory("slower"),  # m/s by which the greatest speed is below AIRSPEED_MAX
+    Memory("slow_for"),  # s that it counts as too slow at least; 0: it is not
 )
 
 
@@ -105,12 +105,14 @@ def energy(m: Any, down: float, wanted: float, weight: float, h: float) -> tuple
     m.speed_before = speed
     climb = clip(CLIMB_P * (m.position[2] - down), -m.TECS_SINK_MAX, m.TECS_CLMB_MAX)
     path, gain = -m.velocity[2] / speed, m.acceleration / _GRAVITY
+    slow = False
     if m.strained:
         least = _least_speed(m)
         _strain(m, climb, speed, least, h)
         if m.at_limit:
             climb = min(climb, speed * max(path + gain, min(path + gain, 0.0) + _MORE))
-        if m.slow_for > 0.0:
+        slow = m.slow_for > 0.0
+        if slow:
             wanted, weight = least, 2.0
     wanted = min(wanted, m.AIRSPEED_MAX - m.slower)
     if wanted * wanted * (1.0 - 0.5 * m.asked_bank * m.asked_bank) < m.AIRSPEED_MIN * m.AIRSPEED_MIN:  # cos is more
@@ -127,7 +129,7 @@ def energy(m: Any, down: float, wanted: float, weight: float, h: float) -> tuple
     m.at_limit = throttle > top
     if m.at_limit:
         m.strained = True
-    if m.slow_for > 0.0:
+    if slow:
         throttle = top
     m.pitch_trim = clip(m.pitch_trim + 0.3 * balance * h, -0.2, 0.3)
     pitch = of_path * climb / speed + m.pitch_trim + 0.4 * balance

@@ -177,13 +177,15 @@ def change_speed(m: Any, kind: float, speed: float) -> int:
 
 
 @kernel
-def _fly(m: Any, bank: float, down: float, speed: float, weight: float, h: float) -> None:
+def _fly(m: Any, bank: float, down: float, speed: float, weight: float, h: float) -> tuple[float, float]:
+    """Returns the bank and the pitch [rad] that it asks for."""
     pitch, throttle = energy(m, down, speed, weight, h)
     if m.mixes:
         bank, pitch = _mix(m, bank, pitch)
     servos(m, bank, pitch, throttle, h)
     if m.mixes:
         m.motor[3] = clip(m.motor[3] + 0.5 * m.mixed[2], 0.0, 1.0)
+    return bank, pitch
 
 
 @kernel
@@ -193,9 +195,12 @@ def fly(m: Any, bank: float, down: float, speed: float, h: float) -> None:
 
 
 @kernel
-def fly_lifted(m: Any, bank: float, down: float, speed: float, h: float) -> None:
-    """Flies as `fly` does while rotors lift it: the pitch is for the height alone."""
-    _fly(m, bank, down, speed, 0.0, h)
+def fly_lifted(m: Any, bank: float, down: float, speed: float, h: float) -> tuple[float, float]:
+    """Flies as `fly` does while rotors lift it: the pitch is for the height alone.
+
+    Returns the bank and the pitch [rad] that it asks for.
+    """
+    return _fly(m, bank, down, speed, 0.0, h)
 
 
 @kernel

@@ -24,8 +24,8 @@ from cosim_models.autopilot.gcs.record import angle, real
 from cosim_models.autopilot.wing.attitude import rest, servos
 from cosim_models.autopilot.wing.energy import clip
 
-__all__ = ["HOVER_MEMORY", "HOVER_PARAMETERS", "glide", "hover", "lean_by_rates", "lean_to", "level_flight", "lift_off"]
-__all__ += ["no_lift", "rise", "sink", "square_root_speed"]
+__all__ = ["HOVER_MEMORY", "HOVER_PARAMETERS", "glide", "hover", "lean_by_rates", "lean_to", "level_flight"]
+__all__ += ["lift_along", "lift_off", "no_lift", "rise", "sink", "square_root_speed"]
 
 _GRAVITY = 9.80665
 _TURNING = 0.05  # rad/s
@@ -257,3 +257,9 @@ def lift_off(m: Any, roll: float, turn: float, d: float, share: float, h: float)
     pitch = 0.0 if share == 1.0 else now_pitch
     lift = _thrust(m, _climb_to(m, d), h) if share == 1.0 else m.lift
     _lean(m, roll, pitch, turn, lift, share, h)
+
+
+@kernel
+def lift_along(m: Any, roll: float, pitch: float, turn: float, d: float, h: float) -> None:
+    """Carries the weight that the wing does not, with its roll and pitch [rad] and a rate of yaw [rad/s]."""
+    _lean(m, roll, pitch, turn, _thrust(m, _climb_to(m, d), h), 1.0, h)

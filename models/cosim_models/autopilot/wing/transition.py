@@ -3,10 +3,10 @@
 From the rotors to the wing: the propeller accelerates the vehicle, which the rotors hold level at its height, up to
 AIRSPEED_MIN; then, within Q_TRANSITION_MS, the wing takes over. Back: near its place it slows down to AIRSPEED_MIN, and
 from a distance of v2 / (2 Q_TRANS_DECEL) + 2 s v on the rotors run as air brakes while the wing still steers; after a
-second at least, when it is slow or too fast for the rest of the way, the rotors alone carry it. They fly no faster than
-it then is, or twice Q_WP_SPEED; if it flies away from its place, or its nose points elsewhere, they fly with Q_WP_SPEED
-and turn the nose there. On the wing, they come to its help below 3/4 of AIRSPEED_MIN, unless a switch forbids it, and
-at all speeds if it says so.
+second at least, when it is slow, too fast for the rest of the way, or crooked by 10 degrees, the rotors alone carry it.
+They fly no faster than it then is, or twice Q_WP_SPEED; if it flies away from its place, or its nose points elsewhere,
+they fly with Q_WP_SPEED and turn the nose there. On the wing, they come to its help below 3/4 of AIRSPEED_MIN, unless a
+switch forbids it, and at all speeds if it says so.
 
 Source: ArduPilot, ArduPlane/quadplane.cpp (SLT_Transition, vtol_position_controller), in its outlines.
 """
@@ -17,7 +17,7 @@ import math
 from typing import Any
 
 from cosim import Memory
-from cosim.frames import wrap_pi
+from cosim.frames import roll_pitch_from_quaternion, wrap_pi
 from cosim.kernel import kernel
 from cosim.messages import MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import real
@@ -27,7 +27,7 @@ from cosim_models.autopilot.wing.attitude import servos
 from cosim_models.autopilot.wing.energy import clip
 from cosim_models.autopilot.wing.flight import bank_for, circle, cruise_speed, fly, fly_lifted
 from cosim_models.autopilot.wing.functions import FORBIDDEN, FORCED
-from cosim_models.autopilot.wing.hover import hover, lift_off, no_lift
+from cosim_models.autopilot.wing.hover import hover, lift_along, lift_off, no_lift
 from cosim_models.autopilot.wing.progress import tell_above, tell_approach, tell_braking, tell_position, tell_rotors
 
 __all__ = [
@@ -59,6 +59,7 @@ _BRAKING = 1.0  # s, at least
 _TOO_FAST, _FASTER = 1.2, 2.0  # of the speed from which it can stop, and m/s above it
 _SLOWER = 2.0  # m/s below AIRSPEED_MIN
 _ASTRAY = math.cos(math.radians(60.0))
+_CROOKED = math.radians(10.0)  # error of bank or pitch with which the rotors take over
 _NOSE = math.radians(60.0)
 _PLACE = 10.0  # m, within which its nose may point anywhere
 _TWICE = 2.0  # of Q_WP_SPEED, which it may fly on the rotors until it has once been slower than Q_WP_SPEED
@@ -75,6 +76,8 @@ TRANSITION_MEMORY = (
     Memory("lift_before"),  # mean thrust of the rotors by then
     Memory("braking", dtype="?"),  # the rotors run as air brakes
     Memory("braking_since", rare=True),  # s
+    Memory("wanted_bank", rare=True),  # rad, while it brakes
+    Memory("wanted_pitch", rare=True),
 )
 
 
@@ -163,8 +166,13 @@ def _has_braked(m: Any, n: float, e: float, distance: float, speed: float, t: fl
         return False
     wanted = min(math.sqrt(2.0 * m.Q_TRANS_DECEL * distance), float(m.AIRSPEED_CRUISE)) if distance >= 1.0 else 0.0
     ahead = (m.velocity[0] * (n - m.position[0]) + m.velocity[1] * (e - m.position[1])) / max(distance, 1e-3)
+    roll, nose = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
     if not (
-        speed < m.AIRSPEED_MIN - _SLOWER or speed > max(_TOO_FAST * wanted, wanted + _FASTER) or ahead < _ASTRAY * speed
+        speed < m.AIRSPEED_MIN - _SLOWER
+        or speed > max(_TOO_FAST * wanted, wanted + _FASTER)
+        or ahead < _ASTRAY * speed
+        or abs(roll - m.wanted_bank) > _CROOKED
+        or abs(nose - m.wanted_pitch) > _CROOKED
     ):
         return False
     tell_position(m, distance, wanted)
@@ -200,8 +208,8 @@ def _brake(m: Any, bank: float, d: float, h: float) -> None:
     """Flies on the wing with the rotors running."""
     gentle = clip(bank, -_GENTLE, _GENTLE)
     turn = _GRAVITY * math.tan(gentle) / max(speed_of(m), m.AIRSPEED_MIN)
-    fly_lifted(m, gentle, d, cruise_speed(m), h)
-    lift_off(m, gentle, turn, d, 1.0, h)
+    m.wanted_bank, m.wanted_pitch = fly_lifted(m, gentle, d, cruise_speed(m), h)
+    lift_along(m, gentle, m.wanted_pitch, turn, d, h)
 
 
 @kernel
