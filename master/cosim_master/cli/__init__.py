@@ -13,11 +13,15 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
+import signal
 import sys
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from cosim_master.cli.terminal.console import err, out
-from cosim_master.cli.terminal.registry import app
-from cosim_master.cli.verbs import build, compare, editing, pack, results, run, serve, sweep, systems  # noqa: F401
+if TYPE_CHECKING:
+    from cosim_master.cli.terminal.console import err as err
+    from cosim_master.cli.terminal.console import out as out
+    from cosim_master.cli.terminal.registry import app as app
 
 __all__ = ["app", "err", "main", "out"]
 
@@ -30,15 +34,49 @@ def main() -> None:
     """
     gc.set_threshold(50_000, 20, 50)
     atexit.register(gc.freeze)
+    app = _imported()
     app(_joined(sys.argv[1:]))
+
+
+def __getattr__(name: str) -> Any:
+    """Returns the command or one of its consoles, which `main` imports only when Ctrl-C is in its hands."""
+    if name == "app":
+        from cosim_master.cli.terminal.registry import app
+        from cosim_master.cli.verbs import build, compare, editing, pack, results, run, serve, sweep, systems  # noqa: F401
+
+        return app
+    if name in ("err", "out"):
+        from cosim_master.cli.terminal import console
+
+        return getattr(console, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _imported() -> Any:
+    """Returns the command. Ctrl-C during the imports, which have nothing to tidy up, ends the process at once."""
+    ends = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not where it is ignored
+    if ends:
+        signal.signal(signal.SIGINT, _end)
+    try:
+        return __getattr__("app")
+    finally:
+        if ends:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _end(*_: object) -> NoReturn:
+    os.write(2, b"error: interrupted\n")
+    os._exit(130)
 
 
 def _joined(arguments: list[str]) -> list[str]:
     """Joins the two words after --at, and replaces the word after --reference; Typer does not support such options."""
+    from cosim_master.cli.verbs.systems import BROUGHT_ALONG
+
     joined: list[str] = []
     for i, argument in enumerate(arguments):
         if argument == "--reference" and not (i + 1 < len(arguments) and arguments[i + 1].lower().endswith(".csv")):
-            joined.append(f"--reference={systems.BROUGHT_ALONG}")
+            joined.append(f"--reference={BROUGHT_ALONG}")
             continue
         # A value is left out where an option follows; the verb then says what is missing.
         if len(joined) > 1 and joined[-2] == "--at" and " " not in joined[-1] and not argument.startswith("-"):

@@ -295,6 +295,8 @@ def test_info_of_an_fmu_a_system_and_a_run(run: Any, system: Path) -> None:
     assert run("run", str(system), "-o", "results")[0] == 0
     code, stdout, _ = run("info", "results")
     assert code == 0 and stdout.startswith("test: done, 2 s simulated in ")
+    code, stdout, _ = run("info", "Quadrotor")
+    assert code == 0 and stdout.startswith("Quadrotor: Quadrotor X: rigid body, ")
     said = (2, "", "error: --variables: results is not an FMU\n")
     assert run("info", "results", "--variables") == said
     Path("results/signals.parquet").write_bytes(b"PAR1")

@@ -40,6 +40,27 @@ def test_every_verb_has_an_example_its_switches_and_json(name: str) -> None:
     assert blocks or name in ("convert", "graph", "new", "report", "view"), "its JSON document is not described"
 
 
+def test_help_lists_the_verbs_from_the_first_that_one_needs_with_whole_sentences() -> None:
+    shown = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "80"}).stdout
+    listed = re.findall(r"^  (\w+)  +[A-Z]", shown[shown.index("Commands:") :], re.MULTILINE)
+    assert sorted(listed) == sorted(VERBS)
+    assert listed[:3] == ["run", "info", "view"]
+    assert "..." not in shown[shown.index("Commands:") :]
+    words = " ".join(shown.split())
+    assert "One HTML page".casefold() in words.casefold() and "exit code 0: equal, 1: different, 2: they" in words
+
+
+@pytest.mark.parametrize("name", ["", *sorted(VERBS)])
+def test_examples_name_no_folder_of_the_source_tree(name: str) -> None:
+    """A package that pip installed has none."""
+    assert "master/" not in CliRunner().invoke(app, [*name.split(), "--help"]).stdout
+
+
+def test_help_says_that_a_shipped_system_has_a_name() -> None:
+    for name in ("run", "check", "info"):
+        assert "shipped system (line5)" in " ".join(CliRunner().invoke(app, [name, "--help"]).stdout.split())
+
+
 def test_defaults_are_shown() -> None:
     shown = " ".join(CliRunner().invoke(app, ["run", "--help"]).stdout.split())
     assert "[default: (out/NAME, or out/NAME-2, ... if that holds a run of other inputs)]" in shown

@@ -123,6 +123,16 @@ def test_ctrl_c_ends_a_run_with_its_results(at_terminal: Callable[..., Terminal]
     assert json.loads((tmp_path / "out" / "s" / "manifest.json").read_text())["outcome"] == "interrupted"
 
 
+def test_ctrl_c_while_the_command_is_imported(tmp_path: Path) -> None:
+    """A library that it imports presses it, and waits."""
+    slow = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(600)\n"
+    (tmp_path / "lxml.py").write_text(slow)
+    environment = {"PYTHONPATH": str(tmp_path)}
+    with Terminal("check", "nowhere", folder=tmp_path, environment=environment) as terminal:
+        assert terminal.finish() == 130
+    assert [line for line in terminal.lines if line != "^C"] == ["error: interrupted"]
+
+
 @WIDTHS
 def test_check(at_terminal: Callable[..., Terminal], system: Path, tmp_path: Path, columns: int) -> None:
     with at_terminal("check", "s.ssd", "--init", folder=tmp_path, columns=columns) as terminal:

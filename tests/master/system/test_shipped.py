@@ -68,12 +68,13 @@ def test_a_folder_of_this_name_comes_first(tmp_path: Path, monkeypatch: pytest.M
         ("manifest.json", "no such file; there is the folder of a run: give the system that was run"),
         ("study.json", "no such file; there holds a campaign: try uav-cosim report there"),
         ("own.ssd", "no such file; give one of these: there/own.ssd"),
+        ("one/manifest.json", "no such file; there holds results of runs: one"),
         ("other", "no such file"),
     ],
 )
 def test_a_folder_that_is_no_system(file: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / file).parent.mkdir(parents=True)
     (tmp_path / "there" / file).write_text("")
     with pytest.raises(SystemDescriptionError) as caught:
         read_system("there")

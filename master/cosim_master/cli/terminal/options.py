@@ -47,8 +47,8 @@ System = Annotated[
     str,
     typer.Argument(
         metavar="SYSTEM",
-        help="An .ssd, .ssp, .fmu, multi-model (.json), OspSystemStructure.xml or .msim, or folder with "
-        "a SystemStructure.ssd.",
+        help="The name of a shipped system (line5), an .ssd, .ssp, .fmu, multi-model (.json), OspSystemStructure.xml "
+        "or .msim, or a folder with a SystemStructure.ssd.",
     ),
 ]
 Settings = Annotated[

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from typing import Annotated, Any, TypeVar
 
 import typer
+from typer.core import TyperGroup
 
 from cosim_master.cli.terminal.console import begin_verb, end_verb, report_error, set_verbosity
 
@@ -19,12 +20,34 @@ F = TypeVar("F", bound=Callable[..., None])
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print data and errors only.", show_default=False)]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Show what FMUs log.", show_default=False)]
 
+_ORDER = (
+    *("run", "info", "view", "plot", "report", "compare", "export", "repair"),
+    *("check", "explain", "graph", "new", "swap", "pack", "convert"),
+    *("sweep", "serve", "build", "dialect"),
+)
+
+
+class _Verbs(TyperGroup):
+    """The verbs in the order in which a user meets them, each with its whole sentence."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        known = super().list_commands(ctx)
+        return sorted(known, key=_ORDER.index)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, self.commands[name].get_short_help_str(1000)) for name in self.list_commands(ctx)]
+            )
+
+
 app = typer.Typer(
+    cls=_Verbs,
     name="uav-cosim",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    epilog="\b\nExamples:\n  uav-cosim build\n  uav-cosim run master/systems/line5\n  uav-cosim plot out/line5",
+    epilog="\b\nExamples:\n  uav-cosim run line5\n  uav-cosim view out/line5\n  uav-cosim run --help",
 )
 
 

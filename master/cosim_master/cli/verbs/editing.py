@@ -187,7 +187,7 @@ def convert(
         say(f"{folder}: uav-cosim run {folder}" if engine is None else f"{written.file}: for {engine}")
 
 
-@verb("swap master/systems/line5 drone3.vehicle fmus/Hexarotor.fmu -o swapped")
+@verb("swap line5 drone3.vehicle Hexarotor -o swapped")
 def swap(
     system: System,
     component: Annotated[

@@ -13,7 +13,7 @@ from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 
 
-@verb("pack master/systems/line5 -o line5.ssp")
+@verb("pack line5 -o line5.ssp")
 def pack(
     system: System,
     out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="The .ssp to write.")],

@@ -21,9 +21,15 @@ from cosim_master.results.export.formats import FORMATS
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run's results.")]
 
 
-@verb("info fmus/Quadrotor.fmu", "info master/systems/line5", "info out/line5", "info out/line5 --signals")
+@verb("info Quadrotor", "info line5", "info out/line5", "info out/line5 --signals")
 def info(
-    path: Annotated[str, typer.Argument(metavar="PATH", help="An FMU, a system, or the folder of a run's results.")],
+    path: Annotated[
+        str,
+        typer.Argument(
+            metavar="PATH",
+            help="An FMU or its model, a system or a shipped system (line5), or the folder of a run's results.",
+        ),
+    ],
     variant: Variant = None,
     variables: Annotated[
         bool, typer.Option("--variables", help="List all variables of an FMU.", show_default=False)
@@ -40,7 +46,7 @@ def info(
         from cosim_master.cli.views.overview import overview, overview_tables, signal_table
 
         doing.stage(f"reading {path}")
-        target = Path(path)
+        target = _meant(path)
         if signals and not (target / "manifest.json").is_file():
             raise usage(f"--signals: {path} is not the folder of a run's results")
         if variables and not _is_fmu(target):
@@ -64,6 +70,19 @@ def info(
             print_json(document)
         else:
             print_tables(shown)
+
+
+def _meant(text: str) -> Path:
+    """Returns a path; for the name of a model that comes with uav-cosim, that of its FMU."""
+    from cosim_master.system import shipped
+
+    path = Path(text)
+    if path.exists() or text in shipped.names():
+        return path
+    try:
+        return shipped.fmu(text) or path
+    except (RuntimeError, ValueError, ImportError) as error:
+        raise usage(f"{text}: its FMU cannot be built: {error}") from None
 
 
 def _is_fmu(path: Path) -> bool:

@@ -252,15 +252,15 @@ _PartitionTimeout = Annotated[
 
 
 @verb(
-    "run master/systems/line5 -o out/line5",
-    "run master/systems/line5 --set drone3.agent.epsilon=0.5 --until 60 --seed 7",
-    "run master/systems/line5 --pace 1 --gcs udpout:127.0.0.1:14550",
-    "run master/systems/line5 --view --pace 2",
-    "run master/systems/line5 --foxglove 8765",
-    "run master/systems/line5 --ros2 0",
-    "run master/systems/line5 --at 30 'drone3.vehicle.wind[2]=5'",
-    "run master/systems/line5 --replay out/line5",
-    "run master/systems/line5 --partitions 2",
+    "run line5 -o out/line5",
+    "run line5 --set drone3.agent.epsilon=0.5 --until 60 --seed 7",
+    "run line5 --pace 1 --gcs udpout:127.0.0.1:14550",
+    "run line5 --view --pace 2",
+    "run line5 --foxglove 8765",
+    "run line5 --ros2 0",
+    "run line5 --at 30 'drone3.vehicle.wind[2]=5'",
+    "run line5 --replay out/line5",
+    "run line5 --partitions 2",
 )
 def run(
     system: System,

@@ -53,9 +53,9 @@ _Tolerance = Annotated[
 
 
 @verb(
-    "check master/systems/line5",
-    "check master/systems/line5 --init --set drone3.vehicle.mass=2",
-    "check master/systems/line5 --partitions 2",
+    "check line5",
+    "check line5 --init --set drone3.vehicle.mass=2",
+    "check line5 --partitions 2",
 )
 def check(
     system: System,
@@ -202,7 +202,7 @@ def _shortened(names: list[str]) -> str:
     return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
-@verb("explain master/systems/line5 'drone3.vehicle.position_start[2]'")
+@verb("explain line5 'drone3.vehicle.position_start[2]'")
 def explain(
     system: System,
     name: Annotated[str, typer.Argument(metavar="COMPONENT.VARIABLE", help="Hierarchical name of a variable.")],
@@ -231,7 +231,7 @@ def explain(
             out.print(line, markup=False)
 
 
-@verb("graph master/systems/line5 -o line5.svg")
+@verb("graph line5 -o line5.svg")
 def graph(
     system: System,
     variant: Variant = None,

@@ -32,6 +32,9 @@ _OTHERS: Mapping[str, tuple[str, Callable[[Path], SystemStructure]]] = {
 }
 """Files that are not SSP, by their suffix: what they are, and their reader."""
 
+_RUNS = 6
+"""Runs that an error names."""
+
 
 def read_system(path: str | PathLike[str], variant: str | None = None) -> SystemStructure:
     """Reads a system structure and all files that it refers to, except the contents of FMUs.
@@ -156,8 +159,12 @@ def _instead(given: Path) -> str:
         return f"; {given} holds a campaign: try uav-cosim report {given}"
     if str(given) in shipped.names():
         return f"; the folder {given} hides the shipped system of this name: rename it, or work in another folder"
-    others = sorted(path.name for path in given.glob("*.ssd"))
-    return f"; give one of these: {', '.join(str(given / name) for name in others)}" if others else ""
+    if others := sorted(path.name for path in given.glob("*.ssd")):
+        return f"; give one of these: {', '.join(str(given / name) for name in others)}"
+    if runs := sorted(path.parent.name for path in given.glob("*/manifest.json")):
+        shown = ", ".join(runs[:_RUNS]) + (f" and {len(runs) - _RUNS} more" if len(runs) > _RUNS else "")
+        return f"; {given} holds results of runs: {shown}"
+    return ""
 
 
 def _structure(given: Path, file: File, files: Files) -> SystemStructure:
