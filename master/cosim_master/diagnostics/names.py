@@ -9,11 +9,15 @@ from __future__ import annotations
 import difflib
 import fnmatch
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
-__all__ = ["is_pattern", "matching", "near", "near_pattern", "similar"]
+__all__ = ["alike", "did_you_mean", "is_pattern", "matching", "near", "near_pattern", "similar"]
 
 _LISTED = 12
+_SIMILAR = 3
+_CLOSE = 0.6
+
+_INDEX = re.compile(r"\[[0-9,]*\]$")
 
 _NUMBER = re.compile(r"(?<![\[0-9,])[0-9]+(?![\],0-9])")
 """A number that is not an index."""
@@ -36,27 +40,58 @@ def near(name: str, names: Iterable[str]) -> str:
     if not known:
         return "there is none"
     if close := similar(name, known):
-        return "did you mean " + " or ".join(f'"{match}"' for match in close) + "?"
+        return did_you_mean(close)
     listed = ", ".join(f'"{item}"' for item in sorted(known)[:_LISTED])
     more = f" and {len(known) - _LISTED} more" if len(known) > _LISTED else ""
     return f"valid: {listed}{more}"
 
 
-def similar(name: str, names: Iterable[str]) -> list[str]:
-    """Returns up to three names that are similar to one, the most similar first.
+def did_you_mean(names: Iterable[str]) -> str:
+    """Returns the end of a sentence about names that a user may have meant."""
+    return "did you mean " + " or ".join(f'"{name}"' for name in names) + "?"
 
-    Upper and lower case are alike. The end of a hierarchical name ("mass") is similar to the whole ("a.b.mass").
+
+def similar(name: str, names: Iterable[str]) -> list[str]:
+    """Returns up to three names that are similar to one, the most similar first: those that are `alike`, or differ in
+    a few letters."""
+    known = list(names)
+    if found := alike(name, known):
+        return found
+    match = difflib.SequenceMatcher(b=name)
+    ratios: dict[str, float] = {}
+    for one in known:
+        match.set_seq1(one)
+        if match.real_quick_ratio() >= _CLOSE and match.quick_ratio() >= _CLOSE and (ratio := match.ratio()) >= _CLOSE:
+            ratios[one] = ratio
+    # Long common prefixes make all names similar, so only the names about as similar as the most similar one are kept.
+    kept = [one for one, ratio in ratios.items() if ratio > max(ratios.values()) - 0.05]
+    beside = [one for one in kept if _parent(one) == _parent(name)]
+    return sorted(beside or kept, key=lambda one: -ratios[one])[:_SIMILAR]
+
+
+def alike(name: str, names: Iterable[str]) -> list[str]:
+    """Returns up to three names that are one but for its case, an index, or omitted levels, in their original order.
+
+    An array, or an element that it does not have, is alike to its elements; "mass" and "a.mass" to "a.b.mass".
     """
     known = {one: one.casefold() for one in names}
-    exact = [one for one, folded in known.items() if folded == name.casefold()]
-    if exact and name not in known:
-        return exact[:3]
-    if ends := [one for one in known if one.endswith(f".{name}")]:
-        return ends[:3]
-    close = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
-    # Long common prefixes make all names similar, so only the names about as similar as the most similar one are kept.
-    ratios = [difflib.SequenceMatcher(None, name, match).ratio() for match in close]
-    return [match for match, ratio in zip(close, ratios, strict=True) if ratio > ratios[0] - 0.05]
+    folded = name.casefold()
+    array = _INDEX.sub("", folded)
+    first, _, last = folded.rpartition(".")
+    kinds: tuple[Callable[[str], bool], ...] = (
+        lambda other: other == folded and name not in known,
+        lambda other: other != array and _INDEX.sub("", other) == array,
+        lambda other: other.endswith(f".{folded}"),
+        lambda other: first != "" and other.startswith(f"{first}.") and other.endswith(f".{last}"),
+    )
+    for fits in kinds:
+        if found := [one for one, other in known.items() if fits(other)]:
+            return found[:_SIMILAR]
+    return []
+
+
+def _parent(name: str) -> str:
+    return name.rpartition(".")[0]
 
 
 def near_pattern(pattern: str, names: Iterable[str]) -> str:

@@ -82,7 +82,7 @@ def test_the_connector_of_a_system(explained: Any) -> None:
 
 
 def test_a_name_that_is_none(explained: Any) -> None:
-    with pytest.raises(SystemDescriptionError, match=r'there is no variable "b\.x"; did you mean "b\.y"'):
+    with pytest.raises(SystemDescriptionError, match=r'there is no variable "b\.x"; did you mean "b\.u"'):
         explained("b.x")
     with pytest.raises(SystemDescriptionError, match=r'did you mean "b\.n"'):
         explained("bn")

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 from cosim_master.diagnostics.errors import Finding, Problem, Where
 from cosim_master.diagnostics.limitations import MAPPED_BACK, SIGNAL_START
-from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
+from cosim_master.diagnostics.names import alike, did_you_mean, is_pattern, matching, near, near_pattern
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.description.units import UndefinedUnit, Unit, UnitError, conversion
 from cosim_master.fmi.description.variables import INTEGER_RANGES
@@ -174,7 +174,9 @@ class Bindings:
             elif not matches:
                 tag = name.partition(".")[0]
                 remark = f'; "{tag}" is an element of this system here, not the annotation' if tag in hidden else ""
-                message = f'there is no variable "{name}"; {_hint(root, name)}{remark}'
+                close = alike(name, self._settable())
+                hint = did_you_mean(close) if close else _hint(root, name)
+                message = f'there is no variable "{name}"; {hint}{remark}'
                 self._problems.append(Problem(_OPTION, message))
             for part, target in matches:
                 if target is None:
@@ -187,6 +189,15 @@ class Bindings:
                 if parameter is not None:
                     self._applied = root, name, parameter
                     self._assign(part, target, parameter)
+
+    def _settable(self) -> Iterator[str]:
+        """Yields the hierarchical names of all variables of FMUs that can be set, and of all connectors of systems."""
+        for part in self._wiring.root.walk():
+            prefix = f"{part.name}." if part.name else ""
+            if part.fmu is None:
+                yield from (prefix + name for name in part.ports)
+            else:
+                yield from (prefix + name for name, one in part.fmu.variables.items() if one.settable)
 
     def _matched(self, pattern: str) -> list[tuple[Part, Variable | Port | None]]:
         """Returns the matches of a pattern that can be set: variables of FMUs, and connectors of systems."""
