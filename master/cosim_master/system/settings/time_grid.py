@@ -82,6 +82,8 @@ def exact(seconds: float) -> Fraction | None:
     """
     if not math.isfinite(seconds) or seconds <= 0:
         return None
+    if not math.isfinite(seconds * _NANO):
+        return Fraction(seconds) * _NANO
     ticks = round(seconds * _NANO)
     if ticks > 0 and math.isclose(ticks, seconds * _NANO, rel_tol=1e-12, abs_tol=1e-4):
         return Fraction(ticks)
@@ -93,7 +95,7 @@ def exact(seconds: float) -> Fraction | None:
 
 def _ticks(seconds: float) -> int | None:
     """Returns a time in s as nanoseconds; None if it is not a whole number of them."""
-    if not math.isfinite(seconds):
+    if not math.isfinite(seconds * _NANO):
         return None
     ticks = round(seconds * _NANO)
     return ticks if math.isclose(ticks, seconds * _NANO, rel_tol=1e-12, abs_tol=1e-4) else None
@@ -123,7 +125,13 @@ def time_grid(
     stop_ticks = _ticks(stop)
     if stop <= checked.start_time:
         problems.append(Problem(where, f"stop time {stop:g} s is not after start time {checked.start_time:g} s"))
-    if start_ticks is None or stop_ticks is None:
+    elif (abs(checked.start_time) + stop - checked.start_time) * _NANO >= _LARGEST_TICK and math.isfinite(stop):
+        text = f"a run from {checked.start_time:g} s to {stop:g} s: time is counted in ns, up to 4.6e9 s (146 years)"
+        problems.append(Problem(where, text))
+    elif start_ticks is not None and start_ticks == stop_ticks:
+        text = f"stop time {stop:g} s is less than a nanosecond after start time {checked.start_time:g} s"
+        problems.append(Problem(where, text))
+    elif start_ticks is None or stop_ticks is None:
         problems.append(Problem(where, WHOLE_TIMES.text()))
     sizes: list[Fraction] = []
     tables = [one for one in checked.instances if one.fmu.table is not None]
@@ -176,7 +184,7 @@ def _clock(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Frac
     per_ns = math.lcm(*(size.denominator for size in sizes))
     if (abs(start) + length) * per_ns >= _LARGEST_TICK:
         worst = max(sizes, key=lambda size: size.denominator)
-        text = FINE_STEPS.text(f"{float(worst) / _NANO:.17g}", f"{round(worst) / _NANO:.9g}")
+        text = FINE_STEPS.text(f"{float(worst) / _NANO:.17g}", f"{max(1, round(worst)) / _NANO:.9g}")
         raise SystemDescriptionError([Problem(checked.instances[sizes.index(worst)].where, text)])
     ticks = [int(size * per_ns) for size in sizes]
     base, total = math.gcd(*ticks), length * per_ns
