@@ -16,7 +16,9 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
+from cosim_master.cli import app
 from cosim_master.execution.partitions.mpi import _SIZES, launched_by
 from tests.scenarios.flights import SYSTEMS, fly
 from tests.scenarios.swarm import running as listening
@@ -279,6 +281,28 @@ def test_it_is_interrupted(fmus: Path, tmp_path: Path) -> None:
     assert code == 130, error
     assert manifest["outcome"] == "interrupted"
     complete(tmp_path / "out", manifest)
+
+
+def test_it_is_interrupted_before_it_runs(fmus: Path, tmp_path: Path) -> None:
+    """The launcher has begun; no part takes Ctrl-C yet."""
+    with running(tmp_path / "out") as parts:
+        while not (children := Path(f"/proc/{parts.process.pid}/task/{parts.process.pid}/children").read_text()):
+            time.sleep(0.01)
+        parts.process.send_signal(signal.SIGINT)
+        _, error = parts.process.communicate(timeout=LIMIT)
+        assert (parts.process.returncode, error.splitlines()[-1]) == (130, "error: interrupted")
+        assert not Path(f"/proc/{children.split()[0]}").exists()
+    assert not (tmp_path / "out" / "manifest.json").exists()
+
+
+def test_too_many_parts_are_refused_before_one_starts(
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cosim_master.cli.terminal.launching.start_parts", lambda *_: pytest.fail("they were started"))
+    done = CliRunner().invoke(app, ["run", str(SYSTEMS / "line5"), "--partitions", "999"])
+    assert done.exit_code == 2
+    assert "--partitions: 999 parts of 5 units (drone1, drone2, drone3, drone4 and 1 more); give fewer" in done.stderr
 
 
 @pytest.mark.alone

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import typer
 
-from cosim_master.cli.terminal.console import err, out, usage
+from cosim_master.cli.terminal.console import err, note, out, report_error, usage
 from cosim_master.diagnostics.errors import CosimError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _COMMAND = (sys.executable, "-c", "from cosim_master.cli import main; main()")
 
 
 def start_parts(parts: int, arguments: Sequence[str]) -> int:
-    """Starts this command in `parts` processes on this machine; returns the exit code of part 0.
+    """Starts this command in `parts` processes on this machine; returns the exit code of part 0, or that of Ctrl-C.
 
     Ctrl-C and SIGTERM end the run as in one process: the launcher passes SIGUSR1 on, which part 0 takes as Ctrl-C.
     """
@@ -47,19 +47,30 @@ def start_parts(parts: int, arguments: Sequence[str]) -> int:
         if os.geteuid() == 0:  # as in a container; the parts are those of this user
             environment |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     process = subprocess.Popen([launcher, *options, *_COMMAND, *arguments], env=environment, start_new_session=True)
+    pressed = False
 
     def passed_on(_number: int, _frame: FrameType | None) -> None:
+        nonlocal pressed
+        pressed = True
         process.send_signal(signal.SIGUSR1)
 
     before = {number: signal.signal(number, passed_on) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        return process.wait()
+        code = process.wait()
+        if not pressed or code in (1, 2, 130):
+            return code
+        with suppress(ProcessLookupError):  # the launcher, or part 0, was not ready to take it
+            os.killpg(process.pid, signal.SIGTERM)
+        report_error("interrupted")
+        return 130
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
-def part_of(parts: int | None, file: Path | None, seconds: float) -> Transport | None:
+def part_of(
+    parts: int | None, file: Path | None, seconds: float | None, check: Callable[[int], object]
+) -> Transport | None:
     """Returns the messages of this process as a part of a run; None if the run has one process.
 
     If a launcher has not started the parts, this starts them, and exits with the exit code of part 0.
@@ -67,23 +78,32 @@ def part_of(parts: int | None, file: Path | None, seconds: float) -> Transport |
     Args:
         parts: the number that the user asks for; None leaves it to the launcher.
         file: parts and machines, see `partitions.cut.read_assignment`.
-        seconds: wall-clock time without a message after which a part counts as lost.
+        seconds: wall-clock time without a message after which a part counts as lost; None: a minute.
+        check: raises the reason why the system cannot be cut into this many parts. It is asked before processes are
+            started that would take turns at the processor, and for minutes come to nothing.
     """
     from cosim_master.execution.partitions.mpi import launched_by
 
     there = launched_by()
     if parts is not None and parts > 1 and there == 1:
+        if parts > (cores := os.cpu_count() or 1):
+            check(parts)
+            note(f"{parts} parts take turns at {cores} processors, which is slower than {cores} parts or one")
         raise typer.Exit(start_parts(parts, sys.argv[1:]))
     if there == 1:
         if file is not None:
             raise usage("--partition-file belongs to --partitions, which is not given")
+        if seconds is not None:
+            raise usage("--partition-timeout belongs to --partitions, which is not given")
         return None
     if parts not in (None, there):
         raise usage(f"--partitions {parts}: the launcher has started {there} processes; give no number, or {there}")
     from cosim_master.execution.partitions.cut import read_assignment
     from cosim_master.execution.partitions.mpi import MpiTransport
 
-    transport = MpiTransport(seconds, () if file is None else read_assignment(file, there).hosts)
+    transport = MpiTransport(
+        60.0 if seconds is None else seconds, () if file is None else read_assignment(file, there).hosts
+    )
     if transport.parts == 1:
         text = f"the launcher has started {there} processes, but {transport.library} sees one: it is not the launcher's"
         raise usage(f"{text} MPI library; name that one by MPI4PY_LIBMPI (docs/distributed.md)")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
@@ -242,9 +242,10 @@ _NoOpen = Annotated[
 
 
 _PartitionTimeout = Annotated[
-    float,
+    float | None,
     typer.Option(
         metavar="S",
+        show_default="60",
         help="With --partitions: wall-clock time without a message of a part after which the run ends.",
         callback=positive("--partition-timeout", "a time in s"),
     ),
@@ -300,7 +301,7 @@ def run(
     helics_subscribe: _HelicsSubscribe = None,
     partitions: Partitions = None,
     partition_file: PartitionFile = None,
-    partition_timeout: _PartitionTimeout = 60.0,
+    partition_timeout: _PartitionTimeout = None,
     as_json: Json = False,
 ) -> None:
     """Run a system, or one FMU alone."""
@@ -312,7 +313,12 @@ def run(
         pace = 1.0
     transport = None
     with errors(as_json=as_json):
-        transport = part_of(partitions, partition_file, partition_timeout)
+        transport = part_of(
+            partitions,
+            partition_file,
+            partition_timeout,
+            lambda parts: _cut(system, variant, overrides(settings), until, step, parts, partition_file),
+        )
     by_default = Path("out") / Path(system).resolve().stem
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
@@ -357,6 +363,27 @@ def run(
     leave(transport, result.error)
     if code := _exit_code(result, strict=strict):
         raise typer.Exit(code)
+
+
+def _cut(
+    system: str,
+    variant: str | None,
+    values: Mapping[str, str],
+    until: float | None,
+    step: float | None,
+    parts: int,
+    file: Path | None,
+) -> None:
+    """Raises SystemDescriptionError if a system cannot be cut into this many parts."""
+    from cosim_master.execution.partitions.cut import cut, read_assignment
+    from cosim_master.execution.preparation.prepare import prepare
+    from cosim_master.system.flatten.check import check
+    from cosim_master.system.reading.read import read_system
+    from cosim_master.system.reading.single_fmu import full_names
+
+    with read_system(system, variant) as structure:
+        ready = prepare(check(structure, full_names(structure, values)), until=until, step=step)
+        cut(ready, parts, None if file is None else read_assignment(file, parts))
 
 
 def _write_logs(folder: Path) -> None:
