@@ -35,6 +35,7 @@ __all__ = [
     "StepTooSmall",
     "SystemDescriptionError",
     "Where",
+    "counted",
     "within_bounds",
 ]
 
@@ -79,6 +80,11 @@ class Finding(str):
         made.problem = Problem(where, message)
         made.kind = kind or message
         return made
+
+
+def counted(n: int, noun: str) -> str:
+    """Returns the number with the noun in its form for it: 1 failure, 2 failures."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
 def within_bounds(notes: Iterable[str], most: int = 3) -> Iterator[str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import CosimError, counted
 from cosim_master.results.reading.comparison import compare
 from cosim_master.results.reading.flight import Flight, read_flight
 from cosim_master.results.reading.links import Links, read_links
@@ -86,11 +86,6 @@ def read_run(folder: Path) -> Run:
     except CosimError:
         flight = None  # a run without vehicles has a report all the same
     return Run(folder, manifest, flight, read_links(folder) if has_packets(folder) else None)
-
-
-def counted(n: int, noun: str) -> str:
-    """Returns the number with the noun in its form for it: 1 failure, 2 failures."""
-    return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
 def summary(run: Run) -> list[tuple[str, str]]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 
+from cosim_master.diagnostics.errors import counted
 from cosim_master.report import contents
 from cosim_master.report.contents import Run, Table
 from cosim_master.report.markup import escaped, image, table, write_document
@@ -76,9 +77,9 @@ def _outcome(run: Run) -> tuple[str, str]:
     verdict = run.manifest.get("verdict") or {}
     outcome = str(run.manifest.get("outcome", ""))
     if outcome != "done" or verdict.get("failures"):
-        return outcome if outcome != "done" else f"done, {contents.counted(verdict['failures'], 'failure')}", "failure"
+        return outcome if outcome != "done" else f"done, {counted(verdict['failures'], 'failure')}", "failure"
     if verdict.get("warnings"):
-        return f"done, {contents.counted(verdict['warnings'], 'warning')}", "warning"
+        return f"done, {counted(verdict['warnings'], 'warning')}", "warning"
     return "done", "good"
 
 

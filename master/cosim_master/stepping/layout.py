@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.verdict import Role
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
-from cosim_master.diagnostics.names import matching
+from cosim_master.diagnostics.names import matching, near_pattern
 from cosim_master.fmi.calls import KINDS, call_of
 from cosim_master.fmi.description.read import FmuDescription, Variable
 from cosim_master.fmi.slaves.fmi2 import set_kind
@@ -233,12 +233,26 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
     for pattern in record:
         found = matching(pattern, candidates)
         if not found and (candidates or pattern != "*"):
-            some = f" (such as {', '.join(list(candidates)[:3])})" if candidates else ": the system has none"
-            problems.append(Problem(Where("--record"), f"{pattern} matches no output or local variable{some}"))
+            text = f'"{pattern}" matches no output or local variable{_instead(checked, pattern, candidates)}'
+            problems.append(Problem(Where("--record"), text))
         chosen |= {candidates[name] for name in found}
     if problems:
         raise SystemDescriptionError(problems)
     return chosen
+
+
+def _instead(checked: CheckedSystem, pattern: str, candidates: Collection[str]) -> str:
+    """Returns what a user may have meant by a pattern that matches nothing."""
+    if not candidates:
+        return ": the system has none"
+    for instance in checked.instances:
+        if pattern.startswith(f"{instance.name}."):
+            variable = instance.fmu.variables.get(pattern[len(instance.name) + 1 :])
+            if variable is not None:
+                return f": it is {variable.causality}"
+    if pattern and (inside := matching(f"{pattern}.*", candidates)):
+        return f'; try "{pattern}.*", which matches {len(inside)}'
+    return f"; {near_pattern(pattern, candidates)}"
 
 
 def _without_unused(checked: CheckedSystem, outputs: Collection[tuple[str, str]]) -> set[tuple[str, str]]:

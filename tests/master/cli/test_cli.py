@@ -139,8 +139,9 @@ def test_options_of_run(run: Any, system: Path, tmp_path: Path) -> None:
         (("--threads", "0"), "error: --threads 0: give a positive number"),
         (("--seed", "-1"), "Invalid value for '--seed'"),
         (("--seed", str(2**60)), "Invalid value for '--seed'"),
-        (("--record", "c.*"), "error: --record: c.* matches no output or local variable (such as a.y, a.m, a.c)"),
+        (("--record", "c.*"), 'error: --record: "c.*" matches no output or local variable; valid: "a.c"'),
         (("-o", "s.ssd"), "error: s.ssd: cannot hold the results of a run: "),
+        (("--partition-timeout", "3"), "error: --partition-timeout belongs to --partitions, which is not given"),
         (("--unknown",), "No such option"),
     ],
 )
@@ -234,7 +235,7 @@ def test_arducopter_that_is_missing_is_one_message(run: Any, fmus: Path, monkeyp
 def test_check(run: Any, system: Path, probes: Any) -> None:
     code, stdout, _ = run("check", str(system), "--set", "a.p=2", "--until", "5")
     assert code == 0
-    assert stdout == f"{system}: 2 instances, 1 connections, 0 radio nodes, 10 steps of 0.5 s: no problems\n"
+    assert stdout == f"{system}: 2 instances, 1 connection, 0 radio nodes, 10 steps of 0.5 s: no problems\n"
     assert probes.calls == []
 
 
@@ -337,6 +338,18 @@ def test_export(run: Any, system: Path, tmp_path: Path) -> None:
     code, stdout, _ = run("export", "results", "--csv", "r.csv")
     assert (code, stdout) == (0, "r.csv\n")
     assert (tmp_path / "r.csv").read_text().splitlines()[0].replace('"', "") == "time,a.y,b.y"
+
+
+def test_a_reader_of_an_export_may_have_had_enough(run: Any, system: Path, tmp_path: Path) -> None:
+    """As `head` does; Python then has nobody to tell."""
+    assert run("run", str(system), "--step", "0.0005", "-o", "results")[0] == 0
+    command = [str(Path(sys.executable).with_name("uav-cosim")), "export", "results", "-o", "-"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stderr is not None
+        assert process.stdout.readline().startswith(b'"time",')
+        process.stdout.close()
+        said = [line for line in process.stderr.read().splitlines() if not line.endswith(b" ...")]
+    assert (process.returncode, said) == (1, [])
 
 
 def test_build(run: Any, tmp_path: Path) -> None:
@@ -467,5 +480,5 @@ def test_a_system_without_components_or_outputs(run: Any, probes: Any, tmp_path:
     code, _, stderr = run("run", str(made), "--record", "a.*")
     assert (code, stderr.splitlines()[-1]) == (
         2,
-        "error: --record: a.* matches no output or local variable: the system has none",
+        'error: --record: "a.*" matches no output or local variable: the system has none',
     )

@@ -159,10 +159,10 @@ def test_for_people(tmp_path: Path) -> None:
         "GLOBAL_POSITION_INT        2      0.15         4     1         2",
         "message 42100              1       0.1         1     0         0",
         "gateway @gcs (udpout:127.0.0.1:14550): 12 out",
-        "recorded: 3 rows of 1 signals (--signals lists them)",
+        "recorded: 3 rows of 1 signal (--signals lists them)",
     ]
     assert shown(signal_table(overview(run))) == [
-        "3 rows of",
+        "3 rows of time and 1 signal:",
         "signal  type    unit",
         "time    double  s",
         "a.y     int32",

@@ -138,7 +138,7 @@ def test_check(at_terminal: Callable[..., Terminal], system: Path, tmp_path: Pat
     with at_terminal("check", "s.ssd", "--init", folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
     assert terminal.ever(r"checking s\.ssd +\d:\d\d")
-    said = "2 instances initializeds.ssd: 2 instances, 1 connections, 0 radio nodes, 6 steps of 0.5 s: no problems"
+    said = "2 instances initializeds.ssd: 2 instances, 1 connection, 0 radio nodes, 6 steps of 0.5 s: no problems"
     assert terminal.text.endswith(said)
     assert not terminal.cursor_hidden
 

@@ -531,11 +531,13 @@ def problems(call: Any) -> list[str]:
         ({"step": 1e300}, "a run of 2 s is not a multiple of the base step 1e+300 s; try --until 1e+300"),
         (
             {"step": 1e-300},
-            "a: step size 1e-300 s: to count the time of this run exactly takes more than 62 bits; try 1e-09",
+            "step size 1e-300 s: to count the time of this run exactly takes more than 62 bits; try 1e-09",
         ),
         ({"until": 1e-10}, "start and stop time must be whole nanoseconds"),
         ({"overrides": {"a.q": "1"}}, 'there is no variable "a.q"'),
-        ({"record": ["*.nothing"]}, "*.nothing matches no output or local variable (such as a.y, a.m, a.c)"),
+        ({"record": ["a"]}, '"a" matches no output or local variable; try "a.*", which matches '),
+        ({"record": ["a.p"]}, '"a.p" matches no output or local variable: it is parameter'),
+        ({"record": ["*.nothing"]}, '"*.nothing" matches no output or local variable; '),
     ],
 )
 def test_options_that_do_not_fit(probes: Any, options: dict[str, Any], message: str) -> None:

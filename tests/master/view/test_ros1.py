@@ -139,7 +139,9 @@ def check_setpoints(out: Path) -> None:
         assert values[1:4] == (60.0, 7.0, -15.0) and values[13:] == (2, 1, 1)
 
 
-def test_without_a_master_or_rospy(fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_master_or_rospy(
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     command = ["run", str(LINE5), "--until", "0.1", "-q", "--ros1", "http://127.0.0.1:9", "-o", str(tmp_path / "a")]
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 1
@@ -147,6 +149,11 @@ def test_without_a_master_or_rospy(fmus: Path, tmp_path: Path, monkeypatch: pyte
     monkeypatch.setenv("UAV_COSIM_ROS1_PYTHON", "/bin/false")
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 1 and "/bin/false cannot run ROS 1; install python3-rospy" in " ".join(done.stderr.split())
+    monkeypatch.setenv("UAV_COSIM_ROS1_PYTHON", sys.executable)
+    capfd.readouterr()
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 1 and f"{sys.executable} cannot run ROS 1; install" in " ".join(done.stderr.split())
+    assert capfd.readouterr().err == "", "a traceback of the program"
     monkeypatch.setenv("UAV_COSIM_ROS1_PYTHON", "/nowhere/python3")
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 1 and "/nowhere/python3 does not exist" in " ".join(done.stderr.split())

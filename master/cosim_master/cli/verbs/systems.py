@@ -25,6 +25,7 @@ from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 from cosim_master.cli.terminal.verdict import show_findings, summary
 from cosim_master.cli.views.partitioning import partition_document, partition_tables
+from cosim_master.diagnostics.errors import counted
 
 BROUGHT_ALONG = "brought along"
 """The value of --reference without a file."""
@@ -150,14 +151,15 @@ def _report(ready: Prepared, known: Judgement, loops: list[dict[str, Any]] | Non
     for loop in loops or ():
         say(f"a loop at initialization, settled in {loop['rounds']} rounds: {_shortened(loop['outputs'])}")
     if loops is not None:
-        say(f"{len(checked.instances)} instances initialized")
+        say(f"{counted(len(checked.instances), 'instance')} initialized")
     show_findings(known)
-    steps = f"{clock.steps} steps of {clock.seconds(1):.9g} s"
+    steps = f"{counted(clock.steps, 'step')} of {clock.seconds(1):.9g} s"
     if ready.master.constrained:
         steps = "steps of sizes that constraints decide"
     say(
-        f"{checked.structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
-        f"{len(ready.network.nodes)} radio nodes, {steps}: no problems{summary(known)}"
+        f"{checked.structure.path}: {counted(len(checked.instances), 'instance')}, "
+        f"{counted(len(checked.links), 'connection')}, {counted(len(ready.network.nodes), 'radio node')}, {steps}: "
+        f"no problems{summary(known)}"
     )
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 from rich.text import Text
 
+from cosim_master.diagnostics.errors import counted
 from cosim_master.fmi.description.datasheet import datasheet
 from cosim_master.fmi.description.read import describe
 from cosim_master.system.flatten.check import check
@@ -159,7 +160,7 @@ def system_document(path: str, variant: str | None = None) -> dict[str, Any]:
 def system_tables(path: str, variant: str | None = None) -> Iterator[Table | str]:
     """Returns the overview of a system as tables."""
     system = system_document(path, variant)
-    yield f"{system['name']}: SSP {system['version']}, {len(system['instances'])} instances"
+    yield f"{system['name']}: SSP {system['version']}, {counted(len(system['instances']), 'instance')}"
     table = _table("instance", "FMU", "step [s]", "set by the system")
     for one in system["instances"]:
         starts = " ".join(f"{name}={_number(value)}" for name, value in one["start_values"].items())

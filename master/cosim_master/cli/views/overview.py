@@ -11,7 +11,7 @@ import pyarrow as pa
 from rich.table import Table
 from rich.text import Text
 
-from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where, counted
 from cosim_master.results.reading.links import statistics
 from cosim_master.results.reading.message_names import message_names
 from cosim_master.results.reading.read import has_packets, packets
@@ -148,7 +148,8 @@ def overview_tables(run: Mapping[str, Any]) -> Iterator[Table | str]:
         yield f"gateway {name} ({counts['address']}): {crossed or 'nothing has crossed'}"
     if (more := len(run["gateways"]) - _GATEWAYS) > 0:
         yield f"and {more} more gateways"
-    yield f"recorded: {run['rows']} rows of {len(run['signals']) - 1} signals (--signals lists them)"
+    signals = counted(len(run["signals"]) - 1, "signal")
+    yield f"recorded: {counted(run['rows'], 'row')} of {signals} (--signals lists them)"
 
 
 def _verdict(verdict: Mapping[str, Any] | None) -> Iterator[str]:
@@ -202,5 +203,5 @@ def signal_table(run: Mapping[str, Any]) -> Iterator[Table | str]:
         table.add_column(column)
     for one in run["signals"]:
         table.add_row(Text(one["name"]), one["type"], Text(one["unit"]))
-    yield f"{run['rows']} rows of"
+    yield f"{counted(run['rows'], 'row')} of time and {counted(len(run['signals']) - 1, 'signal')}:"
     yield table

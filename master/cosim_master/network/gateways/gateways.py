@@ -159,7 +159,10 @@ def _read(option: str, text: str, problems: list[Problem]) -> tuple[Gateway, Add
     where = Where(option)
     head, *options = text.split(",")
     found = _ADDRESS.fullmatch(head)
-    if found is None or found["kind"] not in KINDS or int(found["port"]) > 65535:
+    if found is not None and int(found["port"]) > 65535:
+        problems.append(Problem(where, f"{head}: port {found['port']} is above 65535"))
+        return None
+    if found is None or found["kind"] not in KINDS:
         text = ADDRESS.text(head, ", ".join(KINDS))
         problems.append(Problem(where, text))
         return None

@@ -115,6 +115,10 @@ def export_run(run: Path, one: Format, file: Path, options: Options) -> list[str
             if not existed and str(file) != "-":
                 _remove([file])
             raise
+    except BrokenPipeError:
+        if str(file) == "-":  # the reader has had enough, as `head` has
+            raise
+        raise CosimError(f"{file}: cannot be written: its reader has gone") from None
     except OSError as error:
         raise CosimError(f"{file}: cannot be written: {error.strerror or error}") from error
 

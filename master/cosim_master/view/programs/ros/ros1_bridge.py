@@ -34,8 +34,11 @@ def main() -> None:
     if first is None:
         return
     published, heard = json.loads(first[1])
-    import rosgraph  # type: ignore[import-not-found]
-    import rospy  # type: ignore[import-not-found]
+    try:
+        import rosgraph  # type: ignore[import-not-found]
+        import rospy  # type: ignore[import-not-found]
+    except ImportError:  # the command says what to install
+        sys.exit(1)
 
     if not rosgraph.is_master_online():
         send(SAID, b"no master of ROS 1 answers at this address; roscore starts one")
