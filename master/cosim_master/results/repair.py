@@ -18,9 +18,10 @@ from typing import Any
 
 from cosim_master.diagnostics.errors import CosimError, Problem, RecordingFailed, SystemDescriptionError, Where
 from cosim_master.results.reading.links import statistics
+from cosim_master.results.reading.recorded_signals import open_signals
 from cosim_master.results.storage.journal import FOLDER, goes_on, groups_of, schema_of
 from cosim_master.results.storage.last_call import last_call
-from cosim_master.results.storage.manifest_file import NAME, no_run, write_manifest
+from cosim_master.results.storage.manifest_file import NAME, UNWRITTEN, no_run, write_manifest
 from cosim_master.results.storage.parquet import packets_writer, signals_writer
 
 __all__ = ["repair"]
@@ -37,13 +38,18 @@ def repair(run: Path) -> dict[str, Any]:
         The manifest.
 
     Raises:
-        SystemDescriptionError: the folder contains no run, a run in progress, or one that never recorded anything.
+        SystemDescriptionError: the folder contains no run, a run in progress, one that never recorded anything, or a
+            complete one whose files have been damaged since.
         RecordingFailed: the files cannot be written; nothing is lost.
     """
     if goes_on(run):
         raise _refusal(run, "the run goes on; end it with Ctrl-C or SIGTERM")
     manifest = _manifest(run)
     if manifest["outcome"] != "running" and not (run / FOLDER).is_dir():
+        try:
+            open_signals(run).close()
+        except CosimError as error:
+            raise _refusal(run, f"nothing is left to complete its recording from: {error}") from None
         return manifest
     try:
         for what in ("signals", "packets"):
@@ -56,6 +62,8 @@ def repair(run: Path) -> dict[str, Any]:
             manifest["error"] = f"the process was killed after {manifest['simulated_s']:.9g} s of simulated time"
             if (call := last_call(run)) is not None:
                 manifest["error"] += f"; the last call of an FMU in it was {call}"
+        elif manifest["outcome"] == "failed" and manifest["error"] is None:
+            manifest["error"] = UNWRITTEN
         manifest["links"] = statistics(run) if (run / "packets.parquet").is_file() else None
         write_manifest(run, manifest)
     except OSError as error:

@@ -20,12 +20,14 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
+from cosim_master.cli.views.overview import overview
 from cosim_master.diagnostics.errors import CosimError, SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.reading.read import signals
 from cosim_master.results.repair import repair
 from cosim_master.results.storage.journal import goes_on, groups_of, read_journal
+from cosim_master.results.storage.manifest_file import UNWRITTEN
 from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.observation import Seen, View
 from tests.master import processes
@@ -213,6 +215,20 @@ def test_what_is_complete_stays_as_it_is(probes: Any, tmp_path: Path) -> None:
     assert {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in out.rglob("*") if file.is_file()} == before
 
 
+@pytest.mark.parametrize("left", [b"PAR1", None])
+def test_files_that_have_been_damaged_since_are_not_called_complete(
+    probes: Any, tmp_path: Path, left: bytes | None
+) -> None:
+    probes.fmu()
+    out = tmp_path / "out"
+    simulate(probes.ssd(probes.component("a")), RunOptions(out=out))
+    (out / "signals.parquet").unlink()
+    if left is not None:
+        (out / "signals.parquet").write_bytes(left)
+    with pytest.raises(SystemDescriptionError, match=r"nothing is left to complete .*signals\.parquet"):
+        repair(out)
+
+
 def test_a_repair_that_is_killed_is_repeated(killed: Path) -> None:
     """Wherever it was: signals are complete already, or a part of them is there."""
     again = shutil.copytree(killed, killed.with_name("again"))
@@ -348,7 +364,12 @@ def test_no_room_for_the_manifest(probes: Any, tmp_path: Path, monkeypatch: pyte
     assert result.outcome == "failed"
     assert "manifest.json: cannot be written: No space left on device" in str(result.error)
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
-    assert (manifest["outcome"], manifest["simulated_s"]) == ("failed", 2.0)
+    assert (manifest["outcome"], manifest["simulated_s"], manifest["error"]) == ("failed", 2.0, None)
+    assert overview(tmp_path / "out")["error"] == UNWRITTEN
+    (tmp_path / "out" / "unfinished").mkdir()  # as if there had been no room for the signals either
+    assert overview(tmp_path / "out")["error"] == f"{UNWRITTEN}; `uav-cosim repair` completes them"
+    monkeypatch.undo()
+    assert repair(tmp_path / "out")["error"] == UNWRITTEN
     assert signals(tmp_path / "out")["time"].to_pylist() == [0.0, 0.5, 1.0, 1.5, 2.0]
 
 

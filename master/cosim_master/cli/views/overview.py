@@ -16,8 +16,9 @@ from cosim_master.results.reading.links import statistics
 from cosim_master.results.reading.message_names import message_names
 from cosim_master.results.reading.read import has_packets, packets
 from cosim_master.results.reading.recorded_signals import open_signals
-from cosim_master.results.storage.journal import goes_on
+from cosim_master.results.storage.journal import FOLDER, goes_on
 from cosim_master.results.storage.last_call import last_call
+from cosim_master.results.storage.manifest_file import UNWRITTEN
 
 __all__ = ["overview", "overview_tables", "signal_table"]
 
@@ -43,7 +44,7 @@ def overview(folder: Path) -> dict[str, Any]:
             "kind": "run",
             "system": manifest["system"]["name"],
             "outcome": manifest["outcome"],
-            "error": _killed(folder) if manifest["outcome"] == "running" and not goes_on(folder) else manifest["error"],
+            "error": _error(folder, manifest),
             "simulated_s": manifest["simulated_s"],
             "wall_s": manifest["wall_s"],
             "real_time_factor": manifest["real_time_factor"],
@@ -71,7 +72,13 @@ def overview(folder: Path) -> dict[str, Any]:
         raise SystemDescriptionError([Problem(Where(str(folder)), text)]) from None
 
 
-def _killed(folder: Path) -> str:
+def _error(folder: Path, manifest: Mapping[str, Any]) -> str | None:
+    """Returns the error of a run, also of one that could not write it."""
+    error: str | None = manifest["error"]
+    if manifest["outcome"] == "failed" and error is None:
+        return UNWRITTEN + ("; `uav-cosim repair` completes them" if (folder / FOLDER).is_dir() else "")
+    if manifest["outcome"] != "running" or goes_on(folder):
+        return error
     call = last_call(folder)
     last = "" if call is None else f"; the last call of an FMU in it was {call}"
     return f"the process was killed{last}; `uav-cosim repair` completes the recording"

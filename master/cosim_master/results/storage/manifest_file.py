@@ -7,9 +7,11 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["NAME", "RunningManifest", "no_run", "write_manifest"]
+__all__ = ["NAME", "UNWRITTEN", "RunningManifest", "no_run", "write_manifest"]
 
 NAME = "manifest.json"
+UNWRITTEN = "its results could not be written to their end, as on a full disk"
+"""The error of a failed run whose manifest has none, since there was no room for it."""
 _OUTCOME, _NUMBER, _COUNT = 16, 25, 20
 """Characters that an outcome, a number and a count take at most."""
 _LINES = 3
