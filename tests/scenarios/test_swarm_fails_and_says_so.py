@@ -233,6 +233,15 @@ def test_last_lines_say_what_went_wrong(undriven: Path, tmp_path: Path) -> None:
     assert "drone3.vehicle has never left the ground" in quiet.stderr
 
 
+def test_packets_that_have_not_arrived_at_the_end_are_counted(tmp_path: Path) -> None:
+    late = ["--set", "network.latency=30", "--until", "10", "-o", str(tmp_path / "run")]
+    said = CliRunner().invoke(app, ["run", str(SYSTEMS / "line5"), *late])
+    assert said.exit_code == 0
+    (line,) = (one for one in said.stdout.splitlines() if one.startswith("packets: "))
+    found = re.fullmatch(r"packets: (\d+) sent, 0 delivered, 0 lost, (\d+) still in flight", line)
+    assert found is not None and found[1] == found[2] != "0"
+
+
 def test_check_tells_what_is_known_before(undriven: Path) -> None:
     arguments = ["check", str(undriven), "--set", "drone1.vehicle.yaw_start=90"]
     said = CliRunner().invoke(app, arguments)

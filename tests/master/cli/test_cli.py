@@ -280,6 +280,13 @@ def test_new_takes_the_folder_fmus_only_if_all_that_it_needs_is_there(
     assert 'source="../fmus/Quadrotor.fmu"' in (tmp_path / "own" / "drone.ssd").read_text(encoding="utf-8")
 
 
+def test_a_command_that_is_printed_can_be_copied(run: Any, fmus: Path, system: Path, tmp_path: Path) -> None:
+    code, stdout, _ = run("new", "line", "--drones", "3", "-o", "my swarm", "--fmus", str(fmus))
+    assert (code, stdout) == (0, "my swarm: line of 3 drones; uav-cosim run 'my swarm'\n")
+    code, stdout, _ = run("pack", str(system), "-o", "my s.ssp")
+    assert code == 0 and stdout.endswith(" MB; uav-cosim run 'my s.ssp'\n")
+
+
 def test_notes_are_shown(run: Any, probes: Any) -> None:
     probes.fmu()
     system = probes.workshop.ssd("s.ssd", probes.workshop.system(probes.component("a")))

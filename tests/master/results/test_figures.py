@@ -357,6 +357,8 @@ def test_a_map_shows_paths_ends_and_the_range_of_the_radio(tmp_path: Path) -> No
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["start", "end", "radio range of rover, 25 m"]
     boxes = [text.get_window_extent() for text in axes.texts]
     assert [text.get_text() for text in axes.texts] == ["rover", "team"] and not boxes[0].overlaps(boxes[1])
+    ends = [line.get_color() for line in axes.lines if len(line.get_xdata()) == 1][1::2]
+    assert [text.get_color() for text in axes.texts] == ends, "a name has the colour of its path"
 
 
 def test_pdf_is_written_and_recognised_as_a_figure(tmp_path: Path) -> None:

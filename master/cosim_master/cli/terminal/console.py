@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import shlex
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = [
     "announce",
     "begin_verb",
+    "command",
     "end_verb",
     "err",
     "errors",
@@ -110,6 +112,11 @@ def say(text: str) -> None:
     """Prints the result of a verb, unless -q is set."""
     if not _verbosity.quiet:
         out.print(text, markup=False)
+
+
+def command(*words: object) -> str:
+    """Returns a call of this command as it can be copied into a shell: names with blanks are in quotes."""
+    return shlex.join(("uav-cosim", *map(str, words)))
 
 
 def note(text: str) -> None:

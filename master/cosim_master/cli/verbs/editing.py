@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from cosim_master.cli.terminal.console import errors, note, print_json, say, usage
+from cosim_master.cli.terminal.console import command, errors, note, print_json, say, usage
 from cosim_master.cli.terminal.options import Json, System, positive
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
@@ -124,7 +124,7 @@ def new(
             print_json({"files": [str(written)]})
         else:
             shape = f"{scenario}, {layout}" if layout is not None else scenario
-            say(f"{written}: {shape} of {number} drones; uav-cosim run {written}")
+            say(f"{written}: {shape} of {number} drones; {command('run', written)}")
 
 
 def _new_model(kind: str, file: Path, *, as_json: bool) -> None:
@@ -184,7 +184,7 @@ def convert(
             return
         for text in written.notes:
             note(text)
-        say(f"{folder}: uav-cosim run {folder}" if engine is None else f"{written.file}: for {engine}")
+        say(f"{folder}: {command('run', folder)}" if engine is None else f"{written.file}: for {engine}")
 
 
 @verb("swap line5 drone3.vehicle Hexarotor -o swapped")

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-from cosim_master.cli.terminal.console import errors, print_json, say
+from cosim_master.cli.terminal.console import command, errors, print_json, say
 from cosim_master.cli.terminal.options import Json, System, Variant
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
+from cosim_master.diagnostics.errors import counted
 
 
 @verb("pack line5 -o line5.ssp")
@@ -33,4 +34,4 @@ def pack(
         print_json({"files": [str(found.path)], "members": list(found.members), "variants": list(found.variants)})
         return
     size = found.path.stat().st_size / 1e6
-    say(f"{found.path}: {len(found.members)} files, {size:.1f} MB; uav-cosim run {found.path}")
+    say(f"{found.path}: {counted(len(found.members), 'file')}, {size:.1f} MB; {command('run', found.path)}")

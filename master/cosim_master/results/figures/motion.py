@@ -114,9 +114,8 @@ def draw_map(flight: Flight, reach: float | None = None) -> Figure | None:
     axes.margins(0.06)
     _room(axes, size, slim=slim)
     if len(flown) <= NAMED:
-        _name_ends(
-            figure, axes, [(drone.name, e, n) for (drone, _), e, n in zip(flown, east[-1], north[-1], strict=True)]
-        )
+        ends = zip(flown, east[-1], north[-1], colours(len(flown)), strict=True)
+        _name_ends(figure, axes, [(drone.name, e, n, colour) for (drone, _), e, n, colour in ends])
     figure.legend(handles=marks, loc="outside upper right", ncols=3)
     return figure
 
@@ -132,11 +131,11 @@ def _room(axes: Axes, size: Array, *, slim: bool) -> None:
             change(around(0.5 * (bounds[0] + bounds[1]), least))
 
 
-def _name_ends(figure: Figure, axes: Axes, ends: Sequence[tuple[str, float, float]]) -> None:
-    """Writes names beside points; of several places around a point, the first that overlaps no other name or point."""
+def _name_ends(figure: Figure, axes: Axes, ends: Sequence[tuple[str, float, float, Any]]) -> None:
+    """Writes names beside points, in their colours; of several places, the first without overlaps."""
     figure.draw_without_rendering()  # sets the scales
     taken: list[tuple[float, float, float, float]] = []
-    points = {name: axes.transData.transform((x, y)) * 72.0 / figure.dpi for name, x, y in ends}
+    points = {name: axes.transData.transform((x, y)) * 72.0 / figure.dpi for name, x, y, _ in ends}
     width = 72.0 * figure.get_figwidth()
     taken += [(x - 3.0, y - 3.0, x + 3.0, y + 3.0) for x, y in points.values()]
     for name, (x, y) in points.items():
@@ -150,8 +149,9 @@ def _name_ends(figure: Figure, axes: Axes, ends: Sequence[tuple[str, float, floa
         if not free:
             continue  # no name is better than two on top of each other
         taken.append(boxes[free[0]])
-        place = next((e, n) for known, e, n in ends if known == name)
-        axes.annotate(name, place, choices[free[0]], textcoords="offset points", fontsize=7.5, annotation_clip=False)
+        place, colour = next(((e, n), colour) for known, e, n, colour in ends if known == name)
+        style = {"textcoords": "offset points", "fontsize": 7.5, "annotation_clip": False, "color": colour}
+        axes.annotate(name, place, choices[free[0]], **style)
 
 
 def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
