@@ -17,7 +17,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from multiprocessing import active_children, get_context
 from pathlib import Path
@@ -26,7 +26,7 @@ from traceback import extract_tb
 from types import ModuleType
 from typing import Any, TypedDict
 
-from cosim.build.faults import place
+from cosim.build.faults import cut_off, place
 from cosim.build.interpreted import build_interpreted
 from cosim.build.native.compiled import HOST, TARGETS, CannotCompile, build_compiled
 from cosim.build.sources import Sources, sources_of
@@ -37,11 +37,15 @@ __all__ = ["HOST", "TARGETS", "Built", "CannotCompile", "build", "build_all", "l
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """The file written by `build`, whether it is compiled, and whether it was already up to date."""
+    """The file written by `build`, whether it is compiled, whether it was already up to date, and doubts about it.
+
+    `doubts` are assignments of floats to ints in the kernels of a model that is compiled with checks.
+    """
 
     file: Path
     compiled: bool
     fresh: bool
+    doubts: tuple[str, ...] = ()
 
 
 def load_models(source: str) -> list[type[Model]]:
@@ -143,8 +147,9 @@ def build(
         RuntimeError: the C compiler failed, pythonfmu contains no binaries, or the FMU cannot be written.
     """
     file, compile_it, sources, stamp = _wanted(model, folder, interpreted, targets, fmi, checked)
+    doubts = tuple(cut_off(model)) if stamp["checked"] else ()
     if (built := _up_to_date(file, stamp)) is not None:
-        return built
+        return replace(built, doubts=doubts)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if compile_it:
@@ -153,7 +158,7 @@ def build(
             build_interpreted(model, sources, stamp, file)
     except OSError as error:
         raise RuntimeError(f"{error.filename or file}: cannot be written: {error.strerror or error}") from error
-    return Built(file, compile_it, fresh=False)
+    return Built(file, compile_it, fresh=False, doubts=doubts)
 
 
 def build_all(

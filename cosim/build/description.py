@@ -2,18 +2,37 @@
 
 from __future__ import annotations
 
+import inspect
+from contextlib import suppress
 from enum import IntEnum
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from cosim.build.faults import place
 from cosim.build.units import BASE, base_unit
 from cosim.build.verdicts import verdicts
 from cosim.model import FlatVariable, Model, Variable, flat_variables
 from cosim.verdict import ANNOTATION as VERDICT
 
-__all__ = ["PACKET_TOOL", "as_text", "model_description", "type_definitions", "unit_definitions"]
+__all__ = ["PACKET_TOOL", "as_text", "complete", "model_description", "type_definitions", "unit_definitions"]
 
 PACKET_TOOL = "uav-cosim"
 """Tool name of our vendor annotation for String variables that carry MAVLink packets."""
+
+
+def complete(model: type[Model]) -> str:
+    """Returns the first line of a model's docstring.
+
+    Raises:
+        ValueError: the model lacks what every model declares.
+    """
+    summary = next(iter((model.__doc__ or "").strip().splitlines()), "")
+    needs = {"a docstring": summary, "a step_size > 0": model.step_size > 0.0, "variables": model.variables}
+    if lacking := [what for what, has in needs.items() if not has]:
+        text = f"{model.__name__}: a model needs a docstring, a step_size > 0 and variables"
+        with suppress(OSError, TypeError):  # a class that no file defines has no line
+            text = f"{place(inspect.getfile(model), inspect.getsourcelines(model)[1])}: {text}"
+        raise ValueError(f"{text}; this one has no {' and no '.join(one.removeprefix('a ') for one in lacking)}")
+    return summary
 
 
 def model_description(model: type[Model], guid: str, *, compiled: bool) -> Element:
@@ -22,15 +41,14 @@ def model_description(model: type[Model], guid: str, *, compiled: bool) -> Eleme
     Raises:
         ValueError: a unit is unknown, or the model has no docstring, step size or variables.
     """
-    if not model.__doc__ or model.step_size <= 0.0 or not model.variables:
-        raise ValueError(f"{model.__name__}: a model needs a docstring, a step_size > 0 and variables")
+    summary = complete(model)
     flat = flat_variables(model.variables)
     root = Element(
         "fmiModelDescription",
         fmiVersion="2.0",
         modelName=model.__name__,
         guid=guid,
-        description=model.__doc__.strip().splitlines()[0],
+        description=summary,
         generationTool="uav-cosim",
         variableNamingConvention="structured",
         numberOfEventIndicators="0",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element, SubElement
 
-from cosim.build.description import type_definitions, unit_definitions
+from cosim.build.description import complete, type_definitions, unit_definitions
 from cosim.build.verdicts import verdicts
 from cosim.model import Model, Variable
 from cosim.vehicle import MOTION_INPUTS, VEHICLE_INPUTS
@@ -40,15 +40,14 @@ def model_description3(model: type[Model], token: str) -> Element:
     Raises:
         ValueError: a unit is unknown, a name is reserved, or the model has no docstring, step size or variables.
     """
-    if not model.__doc__ or model.step_size <= 0.0 or not model.variables:
-        raise ValueError(f"{model.__name__}: a model needs a docstring, a step_size > 0 and variables")
+    summary = complete(model)
     variables = exported(model)
     root = Element(
         "fmiModelDescription",
         fmiVersion="3.0",
         modelName=model.__name__,
         instantiationToken=token,
-        description=model.__doc__.strip().splitlines()[0],
+        description=summary,
         generationTool="uav-cosim",
         variableNamingConvention="structured",
     )

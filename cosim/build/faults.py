@@ -10,9 +10,10 @@ from __future__ import annotations
 import ast
 import builtins
 import inspect
+import math
 import os
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from types import FunctionType
@@ -20,12 +21,13 @@ from typing import Any
 
 from cosim.model import Model, record_layout
 
-__all__ = ["faults_of", "place"]
+__all__ = ["cut_off", "faults_of", "place"]
 
 _NEW_ARRAYS = (
     *("arange", "array", "asarray", "concatenate", "copy", "diag", "empty", "empty_like", "eye", "full", "full_like"),
     *("hstack", "linspace", "ones", "ones_like", "outer", "vstack", "zeros", "zeros_like"),
 )
+_ALIASES = {"np": "numpy as np", "numpy": "numpy", "math": "math"}
 _REMEMBERED = "what a kernel remembers are variables of its record (State, Memory)"
 _NOT_IN_KERNELS: dict[type[ast.AST], str] = {
     ast.Dict: f"a kernel has no dicts; {_REMEMBERED}",
@@ -52,6 +54,9 @@ _BUILTINS_OF_KERNELS = (
 )
 
 
+_NO_FLOATS = (math.ceil, math.floor, math.trunc, math.isnan, math.isinf, math.isfinite, math.gcd, math.factorial)
+
+
 def place(file: str, line: int) -> str:
     """Returns ``file:line``, relative to the working folder if the file is below it."""
     relative = os.path.relpath(file)
@@ -60,8 +65,27 @@ def place(file: str, line: int) -> str:
 
 def faults_of(model: type[Model]) -> list[str]:
     """Returns each fault of the model's kernels as ``file:line: what; how to fix it``, in source order."""
+    return _told(one for reader in _readers(model) for one in reader.faults)
+
+
+def cut_off(model: type[Model]) -> list[str]:
+    """Returns each assignment of the model's kernels that gives a float to an int or bool variable, with file and line.
+
+    Such kernels compile: as in NumPy, the assignment cuts the fraction off. Only values are reported that are certainly
+    floats.
+    """
+    return _told(one for reader in _readers(model) for one in reader.cut_off)
+
+
+def _told(found: Iterable[tuple[str, int, str]]) -> list[str]:
+    return [
+        f"{place(file, line)}: {text}" for file, line, text in sorted(dict.fromkeys(found), key=lambda one: one[:2])
+    ]
+
+
+def _readers(model: type[Model]) -> Iterator[_Reader]:
+    """Yields a reader of each kernel of the model, and of each that these call."""
     assert model.kernels is not None
-    found: dict[tuple[str, int, str], None] = {}
     known: set[tuple[Any, tuple[str, ...]]] = set()
     record = _Record(model)
     for kernel, number in zip(model.kernels, (1, 3), strict=True):
@@ -74,13 +98,12 @@ def faults_of(model: type[Model]) -> list[str]:
             reader = _Reader.of(function, arguments, record, entry)
             if reader is None:
                 continue
-            found |= dict.fromkeys(reader.faults)
+            yield reader
             waiting += [(callee, given, False) for callee, given in reader.calls]
-    return [f"{place(file, line)}: {text}" for file, line, text in sorted(found, key=lambda one: one[:2])]
 
 
 class _Record:
-    """The fields of a model's record: name -> shape."""
+    """The fields of a model's record: name -> shape, and name -> NumPy's kind of its type ("f", "i", "b")."""
 
     argument = "record"
     """Stands for a record among the arguments of a call."""
@@ -90,6 +113,7 @@ class _Record:
         dtype, _ = record_layout(model.variables)
         assert dtype.fields is not None
         self.shapes: Mapping[str, tuple[int, ...]] = {name: field[0].shape for name, field in dtype.fields.items()}
+        self.kinds: Mapping[str, str] = {name: field[0].base.kind for name, field in dtype.fields.items()}
 
 
 class _Reader(ast.NodeVisitor):
@@ -99,6 +123,7 @@ class _Reader(ast.NodeVisitor):
         self.file = function.__code__.co_filename
         self.function, self.records, self.record, self.entry = function, records, record, entry
         self.faults: list[tuple[str, int, str]] = []
+        self.cut_off: list[tuple[str, int, str]] = []
         self.calls: list[tuple[Any, tuple[str, ...]]] = []
         code = function.__code__
         self.local = {*code.co_varnames, *code.co_cellvars}
@@ -153,6 +178,32 @@ class _Reader(ast.NodeVisitor):
             return self.record.shapes.get(node.attr)
         return None
 
+    def _kind(self, node: ast.AST) -> str:
+        """Returns NumPy's kind of ``m.field`` or ``m.field[i]``; empty for any other expression."""
+        of = node.value if isinstance(node, ast.Subscript) else node
+        return (
+            self.record.kinds.get(of.attr, "") if isinstance(of, ast.Attribute) and self._shape(of) is not None else ""
+        )
+
+    def _is_float(self, node: ast.AST) -> bool:
+        """Returns whether an expression is certainly a float."""
+        match node:
+            case ast.Constant(value=value):
+                return isinstance(value, float)
+            case ast.BinOp(left=left, op=op, right=right):
+                return isinstance(op, ast.Div) or self._is_float(left) or self._is_float(right)
+            case ast.UnaryOp(op=op, operand=operand):
+                return not isinstance(op, ast.Not) and self._is_float(operand)
+            case ast.IfExp(body=body, orelse=orelse):
+                return self._is_float(body) or self._is_float(orelse)
+            case ast.Call(func=function, args=arguments):
+                called = self._value(function)
+                if called in (max, min, abs):
+                    return any(map(self._is_float, arguments))
+                return called is float or (getattr(called, "__module__", "") == "math" and called not in _NO_FLOATS)
+            case _:
+                return self._kind(node) == "f"
+
     def _value(self, node: ast.AST) -> Any:
         """Returns the object that a global name or a module attribute refers to; None if unknown."""
         if isinstance(node, ast.Name) and node.id not in self.local:
@@ -206,6 +257,10 @@ class _Reader(ast.NodeVisitor):
                 self.records.add(target.id)
         self.generic_visit(node)
 
+    def visit_AugAssign(self, node: ast.AugAssign) -> None:
+        self._given(node.target, ast.BinOp(node.target, node.op, node.value))
+        self.generic_visit(node)
+
     def visit_BinOp(self, node: ast.BinOp) -> None:
         sides = (side.value if isinstance(side, ast.Subscript) and _has_slice(side) else side for side in _sides(node))
         if any(self._shape(side) for side in sides):
@@ -222,6 +277,7 @@ class _Reader(ast.NodeVisitor):
     def _assigned(self, target: ast.expr, value: ast.expr) -> None:
         left, right = ast.unparse(target), ast.unparse(value)
         to, given = self._shape(target), self._shape(value)
+        self._given(target, value)
         if to and given and to != given:
             self._fault(target, f"{left} is an array of {_sizes(to)}, {right} one of {_sizes(given)}")
         elif to:
@@ -233,6 +289,16 @@ class _Reader(ast.NodeVisitor):
             self._fault(
                 target, f"{left} is a scalar: it cannot be given a tuple; declare it with shape={len(value.elts)}"
             )
+
+    def _given(self, target: ast.expr, value: ast.expr) -> None:
+        """Notes a variable that would need to be a float for this value."""
+        kind, name = self._kind(target), ast.unparse(target)
+        if kind in ("i", "u", "b") and self._is_float(value):
+            what, fix = ("a bool", "a comparison") if kind == "b" else ("an int", "int(...) or round(...)")
+            text = (
+                f"{name} is {what}, so the fraction of {ast.unparse(value)} is cut off; declare a float, or write {fix}"
+            )
+            self.cut_off.append((self.file, target.lineno, text))
 
     def visit_Subscript(self, node: ast.Subscript) -> None:
         shape = self._shape(node.value)
@@ -295,6 +361,8 @@ def _sizes(shape: tuple[int, ...]) -> str:
 
 
 def _meant(name: str, candidates: Sequence[str]) -> str:
+    if name in _ALIASES:
+        return f"; write import {_ALIASES[name]} at the top of the module"
     names = sorted(set(candidates))
     close = get_close_matches(name, names, 1, 0.5) or (names if len(names) == 1 else [])
     if close:

@@ -114,6 +114,11 @@ AT_BUILD = {
         "m.z",
         'no variable "z" in Gauge; there are case, counts, energy, n, table, tx, tx_len, u, v, w, x, y',
     ),
+    "a library that is not imported": (
+        "m.y = numpy.pi",
+        "m.y",
+        'no name "numpy"; write import numpy at the top of the module',
+    ),
     "a misspelt variable": ("m.energi = t", "m.energi", 'no variable "energi" in Gauge; did you mean "energy"?'),
     "a misspelt variable that is read": (
         "m.y = m.tx_lenn",
@@ -448,3 +453,60 @@ def test_without_checks_an_index_may_change_another_variable(drive: Any) -> None
     one = drive("unchecked", 1)
     one.step()
     assert one.reals("energy") == [7.0]
+
+
+# ---- floats in ints ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("body", "text"),
+    [
+        ("m.n = m.n + 0.5", "m.n is an int, so the fraction of m.n + 0.5 is cut off; declare a float, or write int("),
+        ("m.n = m.u", "m.n is an int, so the fraction of m.u is cut off"),
+        ("m.n = m.w[1]", "m.n is an int, so the fraction of m.w[1] is cut off"),
+        ("m.n += h if False else 1 / 3", "m.n is an int, so the fraction of m.n + (h if False else 1 / 3) is cut off"),
+        ("m.counts[2] = -math.sqrt(m.u)", "m.counts[2] is an int, so the fraction of -math.sqrt(m.u) is cut off"),
+        ("m.counts[0] = max(m.n, m.u)", "m.counts[0] is an int, so the fraction of max(m.n, m.u) is cut off"),
+        *[(body, "") for body in ("m.n = int(m.u)", "m.n = round(m.u)", "m.n = math.floor(m.u)", "m.n = 7 // 2")],
+        *[(body, "") for body in ("m.y = m.n", "m.n = 3", "m.n += 1", "m.v[0] = m.u")],
+    ],
+)
+def test_a_float_that_an_int_would_cut_off_is_doubted(loaded: Any, tmp_path: Path, body: str, text: str) -> None:
+    """Such kernels compile; numba and NumPy cut the fraction off without a word."""
+    model = loaded(tmp_path, f"{body}\nreturn 0")
+    built = build(model, tmp_path / "fmus")
+    assert built.compiled and not built.fresh
+    if not text:
+        assert built.doubts == ()
+        return
+    line = line_of(tmp_path / "gauge.py", body)
+    (doubt,) = built.doubts
+    assert doubt.startswith(f"{tmp_path / 'gauge.py'}:{line}: {text}")
+    assert build(model, tmp_path / "fmus").doubts == built.doubts, "also when nothing is built"
+
+
+def test_a_description_says_what_it_lacks_and_where(tmp_path: Path) -> None:
+    (tmp_path / "bare_model.py").write_text(
+        "from cosim import Model, Output\n\n\nclass Bare(Model):\n    variables = (Output('y'),)\n"
+    )
+    (model,) = load_models(str(tmp_path / "bare_model.py"))
+    with pytest.raises(ValueError) as caught:
+        build(model, tmp_path / "fmus", interpreted=True)
+    needs = "Bare: a model needs a docstring, a step_size > 0 and variables"
+    lacks = "this one has no docstring and no step_size > 0"
+    assert str(caught.value) == f"{tmp_path / 'bare_model.py'}:4: {needs}; {lacks}"
+
+
+def test_a_float_that_a_bool_would_cut_off_is_doubted(tmp_path: Path) -> None:
+    kernels = "@kernel\ndef start(m):\n    m.on = m.u > 0.5\n    return 0\n\n\n"
+    kernels += "@kernel\ndef advance(m, t, h):\n    m.on = 0.5 * m.u\n    return 0\n"
+    variables = 'Input("u"), Output("on", type=bool)'
+    body = (
+        f'    """Switches."""\n\n    step_size = 0.1\n    variables = ({variables})\n    kernels = (start, advance)\n'
+    )
+    (tmp_path / "switching.py").write_text(
+        f"from cosim import Input, Model, Output, kernel\n\n\n{kernels}\n\nclass Switching(Model):\n{body}"
+    )
+    (model,) = load_models(str(tmp_path / "switching.py"))
+    text = "m.on is a bool, so the fraction of 0.5 * m.u is cut off; declare a float, or write a comparison"
+    assert build(model, tmp_path / "fmus").doubts == (f"{tmp_path / 'switching.py'}:12: {text}",)

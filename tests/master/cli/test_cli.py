@@ -375,6 +375,37 @@ def test_build(run: Any, tmp_path: Path) -> None:
     assert code == 2 and "nowhere.py: no such file" in stderr
 
 
+CUTTING = '''
+from cosim import Input, Model, Output, kernel
+
+@kernel
+def start(m):
+    return 0
+
+@kernel
+def advance(m, t, h):
+    m.n = 2.5 * m.u
+    return 0
+
+class CliCutting(Model):
+    """Cuts fractions off."""
+    step_size = 0.5
+    variables = (Input("u"), Output("n", type=int))
+    kernels = (start, advance)
+'''
+
+
+def test_build_doubts_that_an_int_is_to_get_a_float(run: Any, tmp_path: Path) -> None:
+    (tmp_path / "cli_cutting.py").write_text(CUTTING)
+    doubt = "cli_cutting.py:10: m.n is an int, so the fraction of 2.5 * m.u is cut off; "
+    doubt += "declare a float, or write int(...) or round(...)"
+    code, stdout, stderr = run("build", "cli_cutting.py")
+    assert (code, stdout, stderr) == (0, "fmus/CliCutting.fmu: compiled\n", f"note: {doubt}\n")
+    sys.modules.pop("cli_cutting")
+    (made,) = json.loads(run("build", "cli_cutting.py", "--json")[1])["fmus"]
+    assert made == {"file": "fmus/CliCutting.fmu", "model": "CliCutting", "state": "up to date", "note": doubt}
+
+
 def test_build_into_a_place_that_cannot_be_written(run: Any, tmp_path: Path) -> None:
     (tmp_path / "cli_nowhere.py").write_text(RAISING.replace("CliRaising", "CliNowhere"))
     code, stdout, stderr = run("build", "cli_nowhere.py", "-o", "cli_nowhere.py/fmus")

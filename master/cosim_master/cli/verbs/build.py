@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim_master.cli.terminal.console import errors, print_json, report_error, say, usage
+from cosim_master.cli.terminal.console import errors, note, print_json, report_error, say, usage
 from cosim_master.cli.terminal.options import Json
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
@@ -89,10 +89,13 @@ def build(
             )
             for model, built in zip(chosen, building, strict=True):
                 state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
-                made.append({"file": str(built.file), "model": model.__name__, "state": state, "note": None})
+                doubts = "\n".join(built.doubts) or None
+                made.append({"file": str(built.file), "model": model.__name__, "state": state, "note": doubts})
                 if not as_json:
                     with doing.interrupted():
                         say(f"{built.file}: {state}")
+                        for text in built.doubts:
+                            note(text)
     except (ValueError, ImportError, SyntaxError, CannotCompile) as error:
         raise usage(str(error)) from None
     except RuntimeError as error:
