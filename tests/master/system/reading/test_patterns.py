@@ -189,4 +189,4 @@ def test_all_is_recorded_of_a_system_that_has_no_outputs(stricts: Any, tmp_path:
     assert result.outcome == "done"
     assert pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict() == {"time": [0.0, 0.5, 1.0]}
     found = refusal(lambda: simulate(system, RunOptions(record=("a.*",))))
-    assert found == "--record: a.* matches no output or local variable: the system has none"
+    assert found == '--record: "a.*" matches no output or local variable: the system has none'
