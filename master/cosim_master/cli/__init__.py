@@ -35,6 +35,7 @@ def main() -> None:
     gc.set_threshold(50_000, 20, 50)
     atexit.register(gc.freeze)
     app = _imported()
+    _refuse_no_name(sys.argv[1:])
     app(_joined(sys.argv[1:]))
 
 
@@ -67,6 +68,16 @@ def _imported() -> Any:
 def _end(*_: object) -> NoReturn:
     os.write(2, b"error: interrupted\n")
     os._exit(130)
+
+
+def _refuse_no_name(arguments: list[str]) -> None:
+    """Ends the command if its output has an empty name, which Typer would take for the current folder."""
+    from cosim_master.cli.terminal.console import report_error
+
+    for option, value in zip(arguments, [*arguments[1:], None], strict=True):
+        if (option in ("-o", "--out") and value == "") or option == "--out=":
+            report_error('-o "": the name is empty, as that of a shell variable that is not set; try . for this folder')
+            sys.exit(2)
 
 
 def _joined(arguments: list[str]) -> list[str]:
