@@ -70,7 +70,7 @@ def test_defaults_are_shown() -> None:
 @pytest.mark.parametrize("option", [["-o", ""], ["--out", ""], ["--out="]])
 def test_an_output_without_a_name_is_refused(option: list[str], tmp_path: Path) -> None:
     done = subprocess.run(
-        [*COMMAND, "new", "line", "--drones", "2", *option], cwd=tmp_path, capture_output=True, text=True
+        [COMMAND, "new", "line", "--drones", "2", *option], cwd=tmp_path, capture_output=True, text=True
     )
     assert done.returncode == 2 and not list(tmp_path.iterdir())
     assert done.stderr.startswith('error: -o "": the name is empty, as that of a shell variable that is not set; try .')
