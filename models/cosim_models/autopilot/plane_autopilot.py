@@ -2,15 +2,16 @@
 
 A fixed wing cannot stop: to hold a place is to circle it, with WP_LOITER_RAD. GUIDED circles its target, LOITER and
 AVOID_ADSB the place where the mode was entered, LOITER_ALT_QLAND the same 15 m above home (it cannot QLAND), RTL home;
-AUTO flies missions; TAKEOFF climbs straight ahead to TKOFF_ALT and then circles; AUTOLAND lands at home
-(`wing.autoland`). A pilot flies MANUAL, STABILIZE, TRAINING, ACRO, FBWA, FBWB, CRUISE and AUTOTUNE (`wing.piloted`), by
-RC_CHANNELS_OVERRIDE and MANUAL_CONTROL; without them, the sticks are centred and the throttle is closed. Positions come
-by DO_REPOSITION and MISSION_ITEM with current 2. As in ArduPlane, the message SET_POSITION_TARGET_GLOBAL_INT changes
-the height alone, the take-off command is FAILED (it is for VTOL), and the command to land is UNSUPPORTED.
+AUTO flies missions, also landings (`wing.autoland`, `wing.sequence`); TAKEOFF climbs straight ahead to TKOFF_ALT and
+then circles; AUTOLAND lands at home. A pilot flies MANUAL, STABILIZE, TRAINING, ACRO, FBWA, FBWB, CRUISE and AUTOTUNE
+(`wing.piloted`), by RC_CHANNELS_OVERRIDE and MANUAL_CONTROL; without them, the sticks are centred and the throttle is
+closed. Positions come by DO_REPOSITION and MISSION_ITEM with current 2. As in ArduPlane, the message
+SET_POSITION_TARGET_GLOBAL_INT changes the height alone, the take-off command is FAILED (it is for VTOL), and the
+command to land is UNSUPPORTED.
 
 Differences from ArduPlane: these loops instead of TECS and L1, no airspeed sensor (airspeed is taken as the speed over
-ground; the wind is estimated for the message WIND alone), no landing in a mission, no fences. Speeds and
-the radius of circles are made for the Aerosonde.
+ground; the wind is estimated for the message WIND alone), no fences. Speeds and the radius of circles are made for the
+Aerosonde.
 
 The control of bank, height, speed and course is in `wing.flight`, fail-safes are in `wing.failsafes`. Sources of the
 modes and answers: ArduPilot, ArduPlane/mode*.cpp and ArduPlane/GCS_MAVLink_Plane.cpp.
@@ -30,9 +31,11 @@ from cosim.messages import (
     MAV_CMD_DO_AUTOTUNE_ENABLE,
     MAV_CMD_DO_AUX_FUNCTION,
     MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_LAND_START,
     MAV_CMD_DO_SET_MISSION_CURRENT,
     MAV_CMD_DO_VTOL_TRANSITION,
     MAV_CMD_MISSION_START,
+    MAV_CMD_NAV_LAND,
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
     MAV_CMD_NAV_TAKEOFF,
@@ -68,12 +71,13 @@ from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
 from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
-from cosim_models.autopilot.wing.arming import ARMING_MEMORY, checking, no_checks
+from cosim_models.autopilot.wing.arming import ARMING_MEMORY, checking, landing_checks, landing_missions
 from cosim_models.autopilot.wing.attitude import rest
 from cosim_models.autopilot.wing.autoland import (
     AUTOLAND_MEMORY,
     AUTOLAND_PARAMETERS,
     begin_autoland,
+    land_in_mission,
     land_on_wheels,
     note_arming,
     watch_autoland,
@@ -100,6 +104,14 @@ from cosim_models.autopilot.wing.piloted import (
     circling_bank,
     demand,
     mix_sticks,
+)
+from cosim_models.autopilot.wing.sequence import (
+    SEQUENCE_MEMORY,
+    SEQUENCE_PARAMETERS,
+    in_landing_sequence,
+    jump_to_landing,
+    restart_landing,
+    seeks_landing,
 )
 from cosim_models.autopilot.wing.wind import WIND_MEMORY, estimate_wind
 
@@ -137,7 +149,14 @@ _LOITER_ALT = 15.0  # m above home, Q_RTL_ALT without rotors
 _ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 1.0, 5.0  # m above home and m/s: beyond them it is in the air
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
-_FLOWN = (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_NAV_TAKEOFF)
+_FLOWN = (
+    MAV_CMD_NAV_WAYPOINT,
+    MAV_CMD_NAV_LOITER_UNLIM,
+    MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    MAV_CMD_NAV_LAND,
+    MAV_CMD_NAV_TAKEOFF,
+    MAV_CMD_DO_LAND_START,
+)
 _NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
 
 VARIABLES = pilot_variables(
@@ -148,6 +167,7 @@ VARIABLES = pilot_variables(
         *PILOT_PARAMETERS,
         *STICK_PARAMETERS,
         *AUTOLAND_PARAMETERS,
+        *SEQUENCE_PARAMETERS,
         *FAILSAFE_PARAMETERS,
         *switch_parameters("FLTMODE", SWITCHED_MODES),
     ),
@@ -156,6 +176,7 @@ VARIABLES = pilot_variables(
         *WING_MEMORY,
         *PILOT_MEMORY,
         *AUTOLAND_MEMORY,
+        *SEQUENCE_MEMORY,
         *FAILSAFE_MEMORY,
         *ARMING_MEMORY,
         *FUNCTION_MEMORY,
@@ -196,8 +217,11 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
             mode = _RTL
     if mode == _AVOID_ADSB and m.mode == _GUIDED and _is_there(m):
         tell_reached(m, 0)
+    if m.mode == _AUTO:
+        restart_landing(m)
     m.mode = mode
-    m.mode_by_radio = False
+    m.mode_by_radio, m.landing_sought = False, False
+    m.item_since = -1.0
     m.autonomous = mode not in _BY_HAND and mode != _FBWB and mode != _CRUISE
     m.mission_active = mode == _AUTO
     m.taking_off = False
@@ -221,7 +245,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
 
 
 _enter = told(_change_mode, _MODES)
-_permits_arming, _ask_checks, _watch_checks = checking(no_checks, no_checks)
+_permits_arming, _ask_checks, _watch_checks = checking(landing_checks, landing_missions)
 
 
 @kernel
@@ -259,6 +283,9 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
         return MAV_RESULT_FAILED
     if command == MAV_CMD_DO_SET_MISSION_CURRENT:
         return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
+    if command == MAV_CMD_DO_LAND_START:
+        lands = jump_to_landing(m) and _enter(m, _AUTO, t) == MAV_RESULT_ACCEPTED
+        return MAV_RESULT_ACCEPTED if lands else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_AUTOTUNE_ENABLE:
         return enable_tuning(m, p1)
     if command == MAV_CMD_DO_CHANGE_SPEED:
@@ -302,6 +329,13 @@ def _carry_out(m: Any, t: float, h: float) -> None:
         if not m.taking_off:
             tell_reached(m, row)
             m.mission_current += 1
+        return
+    if command == MAV_CMD_NAV_LAND:
+        land_in_mission(m, row, t, h)
+        return
+    if command == MAV_CMD_DO_LAND_START:
+        tell_reached(m, row)
+        m.mission_current += 1
         return
     n, e, d = m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE
     if command != MAV_CMD_NAV_RETURN_TO_LAUNCH:
@@ -373,8 +407,9 @@ def start(m: Any) -> int:
 
 
 @kernel
-def _lands(m: Any) -> bool:  # noqa: ARG001
-    return False
+def _lands(m: Any) -> bool:
+    """Returns whether it carries out the landing sequence of its mission."""
+    return bool(m.mode == _AUTO and in_landing_sequence(m))
 
 
 @kernel
@@ -384,8 +419,10 @@ def _lifted_mode(m: Any) -> int:  # noqa: ARG001
 
 @kernel
 def _watch_more(m: Any, t: float) -> None:
-    """Watches AUTOLAND, and tells once that LOITER_ALT_QLAND is low."""
+    """Watches landings, begins that of a return, and tells once that LOITER_ALT_QLAND is low."""
     watch_autoland(m, t)
+    if m.mode == _RTL and m.RTL_AUTOLAND != 0 and seeks_landing(m, _is_there(m)):
+        _enter(m, _AUTO, t)
     low = m.mode == _LOITER_ALT_QLAND and m.armed and not m.on_ground and not m.told_low
     if low and m.position[2] >= m.guided_position[2] - 1.0:
         m.told_low = True

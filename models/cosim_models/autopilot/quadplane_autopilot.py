@@ -2,15 +2,15 @@
 
 It takes off and lands vertically, hovers at places, and flies on its wing over longer distances. In GUIDED with
 Q_GUIDED_MODE 1, a new target farther away than WP_LOITER_RAD is flown to on the wing, a nearer one on the rotors, and
-the vehicle hovers at it; with 0, it circles its target as a fixed wing. NAV_TAKEOFF in GUIDED, and the missions'
-take-offs, are vertical; VTOL_LAND, QLAND and QRTL land vertically, as does LOITER_ALT_QLAND after a descent on the
+the vehicle hovers at it; with 0, it circles its target as a fixed wing. NAV_TAKEOFF in GUIDED, and the missions' take-
+offs, are vertical; VTOL_LAND, LAND, QLAND and QRTL land vertically, as does LOITER_ALT_QLAND after a descent on the
 wing. A pilot flies QSTABILIZE, QHOVER, QLOITER and QACRO (`wing.lifted`); without one, QHOVER keeps level, QLOITER its
 place. STABILIZE, FBWA, FBWB, CRUISE and AUTOTUNE get onto the wing with its own throttle; in MANUAL, TRAINING and ACRO
 the rotors stop. All other modes and answers are those of `PlaneAutopilot`. `wing.transition` describes the ways between
 rotors and wing.
 
 Differences from ArduPlane: those of `PlaneAutopilot`; Q_GUIDED_MODE and Q_MAV_TYPE are 0 there; no assistance by angle,
-no weathervaning but that by the fin, no tilting rotors.
+no weathervaning but that by the fin, no tilting rotors, no landing on wheels (bit 2 of Q_OPTIONS).
 
 Source: ArduPilot, ArduPlane/quadplane.cpp (modes, do_user_takeoff, is_vtol_takeoff, transitions), mode_guided.cpp.
 """
@@ -29,9 +29,11 @@ from cosim.messages import (
     MAV_CMD_DO_AUTOTUNE_ENABLE,
     MAV_CMD_DO_AUX_FUNCTION,
     MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_LAND_START,
     MAV_CMD_DO_SET_MISSION_CURRENT,
     MAV_CMD_DO_VTOL_TRANSITION,
     MAV_CMD_MISSION_START,
+    MAV_CMD_NAV_LAND,
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
     MAV_CMD_NAV_TAKEOFF,
@@ -124,6 +126,13 @@ from cosim_models.autopilot.wing.returning import (
     begin_return,
     climb_before_return,
 )
+from cosim_models.autopilot.wing.sequence import (
+    SEQUENCE_MEMORY,
+    SEQUENCE_PARAMETERS,
+    in_landing_sequence,
+    jump_to_landing,
+    seeks_landing,
+)
 from cosim_models.autopilot.wing.transition import (
     SLOW,
     THERE,
@@ -200,6 +209,8 @@ _FLOWN = (
     MAV_CMD_NAV_TAKEOFF,
     MAV_CMD_NAV_VTOL_TAKEOFF,
     MAV_CMD_NAV_VTOL_LAND,
+    MAV_CMD_NAV_LAND,
+    MAV_CMD_DO_LAND_START,
 )
 _NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
 
@@ -220,6 +231,7 @@ VARIABLES = pilot_variables(
         *HOVER_PARAMETERS,
         *LIFT_PARAMETERS,
         *TRANSITION_PARAMETERS,
+        *SEQUENCE_PARAMETERS,
         *FAILSAFE_PARAMETERS,
         *switch_parameters("FLTMODE", SWITCHED_MODES),
         whole("Q_GUIDED_MODE", 1, "1: hovers at the targets of GUIDED; 0: circles them"),
@@ -241,6 +253,7 @@ VARIABLES = pilot_variables(
         *TRANSITION_MEMORY,
         *PROGRESS_MEMORY,
         *RETURN_MEMORY,
+        *SEQUENCE_MEMORY,
         *FAILSAFE_MEMORY,
         *ARMING_MEMORY,
         *FUNCTION_MEMORY,
@@ -286,7 +299,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
             say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
             mode = _RTL
     m.mode = mode
-    m.mode_by_radio = False
+    m.mode_by_radio, m.landing_sought = False, False
     m.autonomous = mode not in _PILOTED
     m.mission_active = mode == _AUTO
     m.taking_off = False
@@ -377,6 +390,9 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
         return MAV_RESULT_ACCEPTED
     if command == MAV_CMD_DO_SET_MISSION_CURRENT:
         return MAV_RESULT_ACCEPTED if set_current(m, p1) else MAV_RESULT_FAILED
+    if command == MAV_CMD_DO_LAND_START:
+        lands = jump_to_landing(m) and _enter(m, _AUTO, t) == MAV_RESULT_ACCEPTED
+        return MAV_RESULT_ACCEPTED if lands else MAV_RESULT_FAILED
     if command == MAV_CMD_DO_AUTOTUNE_ENABLE:
         return enable_tuning(m, p1)
     if command == MAV_CMD_DO_CHANGE_SPEED:
@@ -447,10 +463,14 @@ def _carry_out(m: Any, t: float, h: float) -> None:
             tell_reached(m, row)
             m.mission_current += 1
         return
+    if command == MAV_CMD_DO_LAND_START:
+        tell_reached(m, row)
+        m.mission_current += 1
+        return
     n, e, d = m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE
     if command != MAV_CMD_NAV_RETURN_TO_LAUNCH:
         n, e, d = item_place(m, row)
-    if command == MAV_CMD_NAV_VTOL_LAND:
+    if command in (MAV_CMD_NAV_VTOL_LAND, MAV_CMD_NAV_LAND):
         _land_at(m, n, e, t, h)
         return
     go_to(m, n, e, d)
@@ -599,9 +619,7 @@ def start(m: Any) -> int:
 @kernel
 def _lands(m: Any) -> bool:
     """Returns whether it is on its way to a vertical landing."""
-    row = m.mission_current
-    runs = m.mode == _AUTO and not m.mission_done and row < m.mission_count
-    return bool(m.mode == _QRTL or (runs and int(m.mission[row, COMMAND]) == MAV_CMD_NAV_VTOL_LAND))
+    return bool(m.mode == _QRTL or (m.mode == _AUTO and in_landing_sequence(m)))
 
 
 @kernel
@@ -616,7 +634,11 @@ def _lifted_mode(m: Any) -> int:
 
 @kernel
 def _watch_more(m: Any, t: float) -> None:
-    pass
+    """Begins the landing of a return."""
+    if m.mode == _RTL and m.RTL_AUTOLAND != 0:
+        there = distance_to(m, m.home[0], m.home[1]) < _ON_CIRCLE * m.WP_LOITER_RAD
+        if seeks_landing(m, there and not m.on_ground):
+            _enter(m, _AUTO, t)
 
 
 _reboot = rebooting(VARIABLES, start)

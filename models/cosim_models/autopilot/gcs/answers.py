@@ -24,7 +24,6 @@ from cosim.messages import (
     MAV_CMD_DO_GO_AROUND,
     MAV_CMD_DO_GRIPPER,
     MAV_CMD_DO_JUMP_TAG,
-    MAV_CMD_DO_LAND_START,
     MAV_CMD_DO_MOTOR_TEST,
     MAV_CMD_DO_MOUNT_CONFIGURE,
     MAV_CMD_DO_MOUNT_CONTROL,
@@ -75,7 +74,6 @@ from cosim_models.autopilot.gcs.words import (
     INITIALISING,
     LATENCY_OFF,
     LATENCY_ON,
-    NO_LANDING,
     PLANE,
     RESET,
     ROVER,
@@ -171,9 +169,6 @@ def _of_wings(m: Any, command: int, p1: float) -> int:
         return _accept(p1 == 0.0, MAV_RESULT_FAILED)  # forwards only
     if surface:
         return NOT_HERE
-    if command == MAV_CMD_DO_LAND_START:
-        say(m, MAV_SEVERITY_WARNING, NO_LANDING, 0)
-        return MAV_RESULT_FAILED
     if command == MAV_CMD_DO_FLIGHTTERMINATION:
         say(m, MAV_SEVERITY_INFO, AFS_OFF, 0)
         return MAV_RESULT_FAILED

@@ -67,6 +67,8 @@ from cosim_models.autopilot.gcs.words import USE_INT, say
 
 __all__ = [
     "COMMAND",
+    "LATITUDE",
+    "LONGITUDE",
     "P1",
     "P2",
     "P3",

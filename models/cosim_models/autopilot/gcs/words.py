@@ -27,10 +27,12 @@ __all__ = [
     "ARM_BATTERY",
     "ARM_GPS",
     "ARM_HOME",
+    "ARM_LANDING",
     "ARM_LEAN",
     "ARM_MISSION",
     "ARM_MODE",
     "ARM_NO_LANDING",
+    "ARM_NO_RETURN",
     "ARM_NO_TAKEOFF",
     "ARM_NOT_LIFTED",
     "ARM_NOT_TAKEOFF",
@@ -79,6 +81,8 @@ __all__ = [
     "LANDED",
     "LANDED_AT",
     "LANDING_BEGINS",
+    "LANDS_FROM_POINT",
+    "LANDS_FROM_START",
     "LATENCY_OFF",
     "LATENCY_ON",
     "LEARNED",
@@ -109,6 +113,7 @@ __all__ = [
     "NO_OPTION",
     "NO_PARACHUTE",
     "NO_Q_MODES",
+    "NO_RESTART",
     "NO_TUNING",
     "NO_VTOL",
     "ON_WING",
@@ -123,6 +128,7 @@ __all__ = [
     "RESTORED",
     "ROVER",
     "SAVED_NONE",
+    "SEQUENCE_STARTS",
     "SHORT_CLEARED",
     "SHORT_MODE",
     "SHORT_ON",
@@ -310,6 +316,12 @@ _WORDS = (
     "Flare ~m sink=$ speed=~ dist=~",
     "Auto disarmed",
     "Distance from LAND point=$m",
+    "Landing sequence start",
+    "Restarted landing via DO_LAND_START: %",
+    "Restarted landing sequence at waypoint %",
+    "Unable to restart landing sequence",
+    "Arm: In landing sequence",
+    "Arm: DO_LAND_START set and RTL_AUTOLAND disabled",
     "Throttle failsafe on",
     "Throttle failsafe off",
     "RC Short Failsafe On",
@@ -464,6 +476,12 @@ _WORDS = (
     FLARES,
     AUTO_DISARMED,
     LANDED_AT,
+    SEQUENCE_STARTS,
+    LANDS_FROM_START,
+    LANDS_FROM_POINT,
+    NO_RESTART,
+    ARM_LANDING,
+    ARM_NO_RETURN,
     THROTTLE_LOST,
     THROTTLE_BACK,
     SHORT_ON,
@@ -559,7 +577,7 @@ def _say(m: Any, severity: int, text: int, figures: tuple[float, float, float, f
         at = int(_PRE.size)
     for i in range(_SIZE):
         byte = int(_TEXT[text, i])
-        if byte == 0:
+        if byte == 0 or at == _SIZE:
             break
         decimals = _decimals(byte)
         if decimals >= 0:
@@ -577,7 +595,7 @@ def _say(m: Any, severity: int, text: int, figures: tuple[float, float, float, f
 def say_figures(m: Any, severity: int, text: int, figures: tuple[float, float, float, float]) -> None:
     """Sends a STATUSTEXT with figures in the places of its "%", "~", "$", "&" and "^".
 
-    They have no decimals, one, two, four and six. If there is no room, it is left out.
+    They have no decimals, one, two, four and six. If there is no room, it is left out; of its bytes, 50 are sent.
     """
     _say(m, severity, text, figures, 0)
 

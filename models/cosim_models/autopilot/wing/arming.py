@@ -2,12 +2,12 @@
 
 All that fail are told, by "Arm: " when arming is refused, by "PreArm: " when RUN_PREARM_CHECKS asks, every 30 s, and
 when those that all firmwares have begin to fail. The checks are those of position, battery, mission, emergency stop,
-fail-safes, limits of the flight, radio, rotors and mode; if arming is forced, that of the radio alone. Once a second,
-m.checks_passed says whether all pass. Kernels over a record with `ARMING_MEMORY`, `wing_parameters`, and the parameters
-and memory of `wing.failsafes`.
+fail-safes, limits of the flight, radio, rotors, landing sequence and mode; if arming is forced, that of the radio
+alone. Once a second, m.checks_passed says whether all pass. Kernels over a record with `ARMING_MEMORY`,
+`wing_parameters`, and the parameters and memory of `wing.failsafes` and `wing.sequence`.
 
 Differences from ArduPlane: sensors are never inconsistent nor uncalibrated, there is no check of Q_ASSIST_SPEED (the
-rotors help on the wing without it), and a mission holds no landing but a vertical one.
+rotors help on the wing without it).
 
 Source: ArduPilot, AP_Arming (pre_arm_checks, update), ArduPlane/AP_Arming_Plane.cpp, mode.cpp and mode_auto.cpp
 (_pre_arm_checks), AP_MotorsMulticopter (arming_checks), AP_AHRS (a plane without GPS uses its DCM).
@@ -22,6 +22,8 @@ from typing import Any
 from cosim import Memory
 from cosim.kernel import kernel
 from cosim.messages import (
+    MAV_CMD_DO_LAND_START,
+    MAV_CMD_NAV_LAND,
     MAV_CMD_NAV_TAKEOFF,
     MAV_CMD_NAV_VTOL_LAND,
     MAV_CMD_NAV_VTOL_TAKEOFF,
@@ -39,9 +41,11 @@ from cosim_models.autopilot.gcs.words import (
     ARM_AIRSPEED,
     ARM_GPS,
     ARM_HOME,
+    ARM_LANDING,
     ARM_LEAN,
     ARM_MISSION,
     ARM_NO_LANDING,
+    ARM_NO_RETURN,
     ARM_NO_TAKEOFF,
     ARM_NOT_LIFTED,
     ARM_NOT_TAKEOFF,
@@ -59,8 +63,9 @@ from cosim_models.autopilot.gcs.words import (
     say_figures,
     say_mode,
 )
+from cosim_models.autopilot.wing.sequence import in_landing_sequence
 
-__all__ = ["ARMING_MEMORY", "checking", "lifted_checks", "lifted_missions", "no_checks"]
+__all__ = ["ARMING_MEMORY", "checking", "lifted_checks", "lifted_missions", "landing_checks", "landing_missions"]
 
 _SHORT_OFF, _ON = 3, 1  # FS_SHORT_ACTN, THR_FAILSAFE
 _LEAST_ANGLE, _LEAST_SPEED = 3.0, 5.0  # degrees, m/s
@@ -68,6 +73,7 @@ _LEAST_LEAN, _MOST_LEAN = 10.0, 80.0  # degrees, of Q_ANGLE_MAX
 _MOST_SPIN = 0.3  # Q_M_SPIN_MIN
 _AUTO, _RTL, _GUIDED, _QSTABILIZE, _QLAND, _QRTL, _QACRO = 10, 11, 15, 17, 20, 21, 23
 _ONLY_LIFTED = 1 << 18  # Q_OPTIONS
+_LANDINGS = (MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND)
 _SHORTEST = 0.75  # of the distance within which it stops, before a landing
 _PERIOD, _REPEATED, _AT_ONCE = 1.0, 30.0, 4.0  # s
 
@@ -124,23 +130,33 @@ def _radio(m: Any) -> bool:
     return _fail(m, ARM_RADIO, 0.0)
 
 
-# ---- quadplanes ----------------------------------------------------------------------------------------------------
+@kernel
+def landing_checks(m: Any) -> bool:
+    """Returns whether a mission does not go on with a landing; says that it does."""
+    return not (m.mode == _AUTO and in_landing_sequence(m)) or _fail(m, ARM_LANDING, 0.0)
 
 
 @kernel
-def no_checks(m: Any) -> bool:  # noqa: ARG001
-    """Passes: a plane without rotors has no further checks."""
+def landing_missions(m: Any) -> bool:
+    """Returns whether returns use the landing sequences of a mission; says that they do not."""
+    if m.RTL_AUTOLAND == 0:
+        for row in range(1, m.mission_count):
+            if int(m.mission[row, COMMAND]) == MAV_CMD_DO_LAND_START:
+                return _fail(m, ARM_NO_RETURN, 0.0)
     return True
+
+
+# ---- quadplanes ----------------------------------------------------------------------------------------------------
 
 
 @kernel
 def lifted_missions(m: Any) -> bool:
     """Returns whether a quadplane can stop before the vertical landings of its mission; says why not."""
-    passes = True
+    passes = landing_missions(m)
     least = _SHORTEST * 0.5 * m.AIRSPEED_CRUISE * m.AIRSPEED_CRUISE / m.Q_TRANS_DECEL
     for row in range(2, m.mission_count):
         before = int(m.mission[row - 1, COMMAND])
-        if int(m.mission[row, COMMAND]) == MAV_CMD_NAV_VTOL_LAND and before == MAV_CMD_NAV_WAYPOINT:
+        if int(m.mission[row, COMMAND]) in _LANDINGS and before == MAV_CMD_NAV_WAYPOINT:
             n, e, _ = item_place(m, row)
             from_n, from_e, _ = item_place(m, row - 1)
             if math.sqrt((n - from_n) ** 2 + (e - from_e) ** 2) < least:
@@ -164,6 +180,7 @@ def lifted_checks(m: Any) -> bool:
         passes = _fail(m, ARM_SPIN, m.Q_M_SPIN_MIN)
     if not _LEAST_LEAN <= m.Q_ANGLE_MAX <= _MOST_LEAN:
         passes = _fail(m, ARM_LEAN, 0.0)
+    passes = landing_checks(m) and passes
     only = m.Q_OPTIONS & _ONLY_LIFTED != 0
     if m.mode == _AUTO:
         if not _begins_with_takeoff(m):

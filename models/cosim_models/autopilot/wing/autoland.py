@@ -1,4 +1,4 @@
-"""AUTOLAND of planes: the landing at home, against the direction of which the plane took off.
+"""Landings of planes on their wheels: AUTOLAND, at home in the direction of the take-off, and NAV_LAND of missions.
 
 That direction is the course over ground of the first flight after arming in TAKEOFF, AUTO, or a mode of a pilot without
 the autopilot's throttle, plus AUTOLAND_DIR_OFF; with AUTOLAND_OPTIONS 1, it is the heading at arming. The plane circles
@@ -6,14 +6,18 @@ beside the final's beginning, which is AUTOLAND_WP_DIST before home and AUTOLAND
 until it has this height (within 5 m) and heads for home (within 10 degrees, 10 more for each circle). On the final it
 follows a slope to the point where the flare begins, at LAND_FLARE_ALT or LAND_FLARE_SEC before the ground; then the
 throttle is closed, the bank is within LEVEL_ROLL_LIMIT, and it is disarmed when it has stood for LAND_DISARMDELAY.
+NAV_LAND of a mission has the same final without a circle: from the place to which it flew before, or, after a take-off
+and beyond the landing point, from where it is; AUTOLAND_WP_DIST and AUTOLAND_WP_ALT are then what lies between the two.
+
 Kernels over a record with `AUTOLAND_PARAMETERS` and `AUTOLAND_MEMORY` beside what `wing.flight` and `wing.piloted`
 need.
 
 Differences from ArduPlane: slope and flare are flown by the loops of `wing.flight` instead of TECS; no compensation of
-a head wind, no rangefinder, no abort.
+a head wind, no speed before the flare (LAND_PF_ARSPD), no rangefinder, no abort.
 
 Source: ArduPilot, ArduPlane/mode_autoland.cpp, commands_logic.cpp (verify_loiter_to_alt), mode_loiter.cpp
-(isHeadingLinedUp), mode.h (modes whose course counts), AP_Landing_Slope.cpp, Plane.cpp (disarm_if_autoland_complete).
+(isHeadingLinedUp), mode.h (modes whose course counts), AP_Landing_Slope.cpp, Plane.cpp (disarm_if_autoland_complete),
+commands.cpp (set_next_WP).
 """
 
 from __future__ import annotations
@@ -24,7 +28,8 @@ from typing import Any
 from cosim import Memory, Parameter
 from cosim.frames import roll_pitch_from_quaternion, wrap_pi
 from cosim.kernel import kernel
-from cosim.messages import MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
+from cosim.messages import MAV_CMD_NAV_TAKEOFF, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
+from cosim_models.autopilot.gcs.missions import COMMAND, item_place
 from cosim_models.autopilot.gcs.record import angle, real, whole
 from cosim_models.autopilot.gcs.streams import heading
 from cosim_models.autopilot.gcs.targets import go_to
@@ -41,13 +46,14 @@ from cosim_models.autopilot.gcs.words import (
     say,
     say_figures,
 )
-from cosim_models.autopilot.wing.attitude import servos
+from cosim_models.autopilot.wing.attitude import rest, servos
 from cosim_models.autopilot.wing.energy import CLIMB_P, clip
 from cosim_models.autopilot.wing.flight import bank_for, cruise_speed, fly
 from cosim_models.autopilot.wing.piloted import line_bank
+from cosim_models.autopilot.wing.sequence import is_landing
 
-__all__ = ["AUTOLAND_MEMORY", "AUTOLAND_PARAMETERS", "begin_autoland", "land_on_wheels", "note_arming"]
-__all__ += ["watch_autoland"]
+__all__ = ["AUTOLAND_MEMORY", "AUTOLAND_PARAMETERS", "begin_autoland", "land_in_mission", "land_on_wheels"]
+__all__ += ["note_arming", "watch_autoland"]
 
 _NONE, _CIRCLES, _FINAL, _APPROACH, _FLARE, _DISARMED = range(6)  # m.landing_stage
 _ON_ARMING = 1  # AUTOLAND_OPTIONS
@@ -75,7 +81,7 @@ AUTOLAND_PARAMETERS = (
         description="direction of the landing beside that of the take-off",
     ),
     whole("AUTOLAND_OPTIONS", 0, "1: the direction of the take-off is the heading at arming"),
-    real("LAND_FLARE_ALT", "m", 3.0, "height above home at which the flare begins"),
+    real("LAND_FLARE_ALT", "m", 3.0, "height above the landing point at which the flare begins"),
     real("LAND_FLARE_SEC", "s", 2.0, "time before the ground at which the flare begins"),
     real("LAND_DISARMDELAY", "s", 20.0, "time on the ground after which it is disarmed, 0: it stays armed"),
     Parameter(
@@ -96,6 +102,8 @@ AUTOLAND_MEMORY = (
     Memory("landing_stage", dtype="i4", rare=True),
     Memory("landing_circle", shape=3, rare=True),  # m, m, m: north, east, radius; to the left: negative
     Memory("landing_turned", rare=True),  # rad, on the circle since the height is there; -1: it is not there yet
+    Memory("landing_point", shape=3, rare=True),  # m, NED
+    Memory("final", shape=2, rare=True),  # m: its length, and how high above that point it begins
     Memory("stands_since", rare=True),  # s
 )
 
@@ -129,6 +137,9 @@ def begin_autoland(m: Any) -> bool:
     m.landing_stage = _CIRCLES
     m.landing_turned = -1.0
     m.line[0], m.line[1], m.line[2] = n, e, m.direction
+    for i in range(3):
+        m.landing_point[i] = m.home[i]
+    m.final[0], m.final[1] = m.AUTOLAND_WP_DIST, m.AUTOLAND_WP_ALT
     m.landing_circle[0], m.landing_circle[1], m.landing_circle[2] = n - side * s, e + side * c, side
     go_to(m, m.landing_circle[0], m.landing_circle[1], m.home[2] - m.AUTOLAND_WP_ALT)
     return True
@@ -141,9 +152,9 @@ def _speed(m: Any) -> float:
 
 @kernel
 def _left(m: Any) -> float:
-    """Returns how far home is along the final [m], negative beyond it."""
-    c, s = math.cos(m.direction), math.sin(m.direction)
-    return float((m.home[0] - m.position[0]) * c + (m.home[1] - m.position[1]) * s)
+    """Returns how far the landing point is along the final [m], negative beyond it."""
+    c, s = math.cos(m.line[2]), math.sin(m.line[2])
+    return float((m.landing_point[0] - m.position[0]) * c + (m.landing_point[1] - m.position[1]) * s)
 
 
 @kernel
@@ -172,18 +183,34 @@ def _circle(m: Any, h: float) -> None:
     bearing = math.atan2(m.home[1] - m.position[1], m.home[0] - m.position[0])
     margin = _AHEAD * (1.0 + math.floor(m.landing_turned / (2.0 * math.pi)))
     if abs(wrap_pi(course - bearing)) <= margin:
-        m.landing_stage = _FINAL
         say(m, MAV_SEVERITY_INFO, CIRCLED, 0)
-        height = m.home[2] - m.position[2]
-        say_figures(m, MAV_SEVERITY_INFO, LANDING_BEGINS, (height, 0.0, 0.0, 0.0))
-        go_to(m, m.home[0], m.home[1], m.home[2])
+        _begin_final(m)
+
+
+@kernel
+def _begin_final(m: Any) -> None:
+    m.landing_stage = _FINAL
+    say_figures(m, MAV_SEVERITY_INFO, LANDING_BEGINS, (m.home[2] - m.position[2], 0.0, 0.0, 0.0))
+    go_to(m, m.landing_point[0], m.landing_point[1], m.landing_point[2])
+
+
+@kernel
+def _begin_landing(m: Any, n: float, e: float, d: float, climbed: bool) -> None:
+    """Begins the landing of a mission at a place, from the former target or, after a climb or beyond it, from here."""
+    a, b, c = m.guided_position[0], m.guided_position[1], m.guided_position[2]
+    if climbed or (n - m.position[0]) * (n - a) + (e - m.position[1]) * (e - b) <= 0.0:
+        a, b, c = m.position[0], m.position[1], m.position[2]
+    m.line[0], m.line[1], m.line[2] = a, b, math.atan2(e - b, n - a)
+    m.landing_point[0], m.landing_point[1], m.landing_point[2] = n, e, d
+    m.final[0], m.final[1] = max(math.sqrt((n - a) ** 2 + (e - b) ** 2), 1.0), d - c
+    _begin_final(m)
 
 
 @kernel
 def _slope(m: Any) -> tuple[float, float, float]:
-    """Returns the slope of the final, and distance from home and height [m] of the point where its flare begins."""
-    total, speed = float(m.AUTOLAND_WP_DIST), max(_speed(m), 0.5)
-    sink = m.AUTOLAND_WP_ALT / max(total / speed, 0.5)
+    """Returns the slope of the final, and how far before and above its end [m] the flare begins."""
+    total, speed = float(m.final[0]), max(_speed(m), 0.5)
+    sink = m.final[1] / max(total / speed, 0.5)
     aim = m.LAND_FLARE_SEC * sink
     if aim <= 0.0:
         aim = m.LAND_FLARE_ALT
@@ -191,7 +218,7 @@ def _slope(m: Any) -> tuple[float, float, float]:
         aim = min(aim, 2.0 * m.LAND_FLARE_ALT)
     mean = max(_FLARE_SHARE * m.TECS_LAND_SINK + (1.0 - _FLARE_SHARE) * sink, 0.1)
     distance = min(speed * aim / mean, 0.5 * total)
-    return float((m.AUTOLAND_WP_ALT - aim) / (total - distance)), float(distance), float(aim)
+    return float((m.final[1] - aim) / (total - distance)), float(distance), float(aim)
 
 
 @kernel
@@ -204,10 +231,10 @@ def _final_speed(m: Any) -> float:
 @kernel
 def _is_on_approach(m: Any, done: float) -> bool:
     """Returns whether the approach begins, by the share of the final that is done."""
-    c, s = math.cos(m.direction), math.sin(m.direction)
+    c, s = math.cos(m.line[2]), math.sin(m.line[2])
     right = (m.position[1] - m.line[1]) * c - (m.position[0] - m.line[0]) * s
-    ahead = abs(wrap_pi(math.atan2(m.velocity[1], m.velocity[0]) - m.direction)) < _AHEAD
-    below = m.home[2] - m.position[2] < m.AUTOLAND_WP_ALT
+    ahead = abs(wrap_pi(math.atan2(m.velocity[1], m.velocity[0]) - m.line[2])) < _AHEAD
+    below = m.landing_point[2] - m.position[2] < m.final[1]
     return bool(
         (done >= 0.0 and ahead and abs(right) < _ON_LINE) or (done > _EARLY and ahead and below) or done > _HALF
     )
@@ -217,22 +244,25 @@ def _is_on_approach(m: Any, done: float) -> bool:
 def _descend(m: Any, h: float) -> None:
     """Follows the final down to the flare."""
     left = _left(m)
-    done = 1.0 - left / m.AUTOLAND_WP_DIST
-    slope, from_home, aim = _slope(m)
+    top = float(m.final[1])
+    done = 1.0 - left / m.final[0]
+    slope, before, aim = _slope(m)
     if m.landing_stage == _FINAL:
         if _is_on_approach(m, done):
             m.landing_stage = _APPROACH
             say_figures(m, MAV_SEVERITY_INFO, SLOPE, (math.degrees(math.atan(slope)), 0.0, 0.0, 0.0))
         else:
-            slope, from_home, aim = m.AUTOLAND_WP_ALT / m.AUTOLAND_WP_DIST, 0.0, 0.0
-    height = clip(aim + slope * (left - from_home), 0.0, m.AUTOLAND_WP_ALT)
-    sink = slope * _speed(m) if 0.0 < height < m.AUTOLAND_WP_ALT else 0.0
+            slope, before, aim = top / m.final[0], 0.0, 0.0
+    height = clip(aim + slope * (left - before), min(top, 0.0), max(top, 0.0))
+    sink = slope * _speed(m) if 0.0 < height < top else 0.0
     speed = _final_speed(m) if m.landing_stage == _APPROACH else cruise_speed(m)
-    fly(m, line_bank(m), m.home[2] - height + sink / CLIMB_P, speed, h)
-    above, falls = m.home[2] - m.position[2], float(m.velocity[2])
+    ground = float(m.landing_point[2])
+    fly(m, line_bank(m), ground - height + sink / CLIMB_P, speed, h)
+    above, falls = ground - m.position[2], float(m.velocity[2])
     low = above <= m.LAND_FLARE_ALT or (m.LAND_FLARE_SEC > 0.0 and above <= falls * m.LAND_FLARE_SEC and done > _HALF)
     if (m.landing_stage == _APPROACH and low) or done >= 1.0:
         m.landing_stage = _FLARE
+        m.ground_down = min(m.ground_down, ground)
         say_figures(m, MAV_SEVERITY_INFO, FLARES, (above, falls, _speed(m), _target_distance(m)))
 
 
@@ -243,20 +273,33 @@ def _flare(m: Any, h: float) -> None:
     _, nose = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
     speed = max(_speed(m), 5.0)
     path = -m.velocity[2] / speed
-    wanted = -max(float(m.TECS_LAND_SINK), _FLARE_RATE * float(m.home[2] - m.position[2])) / speed
+    wanted = -max(float(m.TECS_LAND_SINK), _FLARE_RATE * float(m.landing_point[2] - m.position[2])) / speed
     pitch = clip(nose - path + wanted + _FLARE_GAIN * (wanted - path), 0.0, math.radians(m.PTCH_LIM_MAX_DEG))
     servos(m, clip(line_bank(m), -most, most), pitch, 0.0, h)
 
 
 @kernel
 def land_on_wheels(m: Any, h: float) -> None:
-    """Flies AUTOLAND."""
+    """Flies AUTOLAND, or the landing of a mission that has begun."""
     if m.landing_stage == _CIRCLES:
         _circle(m, h)
     elif m.landing_stage < _FLARE:
         _descend(m, h)
     else:
         _flare(m, h)
+
+
+@kernel
+def land_in_mission(m: Any, row: int, t: float, h: float) -> None:
+    """Carries out NAV_LAND, an item of the mission."""
+    if m.on_ground:
+        rest(m)
+        return
+    if m.item_since < 0.0 or m.landing_stage == _NONE:
+        m.item_since = t
+        n, e, d = item_place(m, row)
+        _begin_landing(m, n, e, d, int(m.mission[row - 1, COMMAND]) == MAV_CMD_NAV_TAKEOFF)
+    land_on_wheels(m, h)
 
 
 @kernel
@@ -270,7 +313,7 @@ def watch_autoland(m: Any, t: float) -> None:
     elif not m.direction_known:
         if not m.on_ground and m.mode in _COUNTS and _speed(m) > _COURSE_SPEED:
             _note_direction(m, math.atan2(m.velocity[1], m.velocity[0]) + math.radians(m.AUTOLAND_DIR_OFF))
-    elif m.mode != _AUTOLAND:
+    elif m.mode != _AUTOLAND and not is_landing(m):
         m.landing_stage = _NONE
     elif not m.on_ground:
         m.stands_since = t

@@ -8,7 +8,7 @@ ground station, or, with FS_GCS_ENABL 2, of the radio's reports that the ground 
 remrssi). Modes on the rotors change to QLAND, QRTL or RTL (Q_OPTIONS) instead. Kernels over a record with
 `FAILSAFE_PARAMETERS` and `FAILSAFE_MEMORY` beside the variables of `gcs.record` and `wing.functions`.
 
-Differences from ArduPlane: there is no parachute and no landing in a mission. As in the
+Differences from ArduPlane: there is no parachute. As in the
 ArduPlane of the recorded answers, FS_SHORT_TIMEOUT does not delay anything: it is how recently the ground station has
 to be heard for its fail-safe to end.
 
@@ -40,7 +40,6 @@ from cosim_models.autopilot.gcs.words import (
     GCS_MODE,
     LONG_CLEARED,
     LONG_MODE,
-    NO_LANDING,
     NO_PARACHUTE,
     RESTORED,
     SHORT_CLEARED,
@@ -51,6 +50,7 @@ from cosim_models.autopilot.gcs.words import (
     say,
     say_mode,
 )
+from cosim_models.autopilot.wing.sequence import jump_to_landing
 
 __all__ = ["FAILSAFE_MEMORY", "FAILSAFE_PARAMETERS", "drain_battery", "failsafes"]
 
@@ -103,7 +103,7 @@ FAILSAFE_MEMORY = (
     Memory("mode_before", dtype="i4", rare=True),  # of the short fail-safe
     Memory("mode_by_radio", dtype="?", rare=True),  # the mode is that of a fail-safe of the radio
     Memory("long_pending", dtype="?", rare=True),  # it waits for the end of a take-off
-    Memory("lands_on_wheels", dtype="?", rare=True),  # it is on the final of AUTOLAND
+    Memory("lands_on_wheels", dtype="?", rare=True),  # it is on the final of a landing on wheels
     Memory("short_since", rare=True),  # s, of the short fail-safe
     Memory("radio_count", dtype="i4", rare=True),  # checks in a row without a radio
     Memory("radio_lost", dtype="?", rare=True),
@@ -236,8 +236,11 @@ def _battery_events(
             return
         if not _TO_RTL <= action <= _LAND_OR_RTL or m.mode in (_QLAND, _LOITER_ALT_QLAND, _AUTOLAND):
             return
-        if action != _TO_RTL and action != _LAND_OR_RTL:
-            say(m, MAV_SEVERITY_WARNING, NO_LANDING, 0)
+        if m.mode == _AUTO and lands(m):
+            return
+        if action != _TO_RTL and action != _LAND_OR_RTL and jump_to_landing(m):
+            enter(m, _AUTO, t)
+            return
         if not lands(m) and (action != _LAND_OR_RTL or enter(m, _AUTOLAND, t) != MAV_RESULT_ACCEPTED):
             enter(m, _RTL, t)
 
@@ -255,7 +258,7 @@ def failsafes(
     Args:
         enter: kernel of (record, mode, time) that changes the mode, which takes m.mode_by_radio back; returns a
             MAV_RESULT.
-        lands: kernel of (record): whether it is on its way to a vertical landing.
+        lands: kernel of (record): whether it is on its way to a landing of its mission, or to one of QRTL.
         lifted: kernel of (record): the mode that a loss leads to in this mode on the rotors; -1: it is not on them.
         more: kernel of (record, time) that is called in each look.
     """
