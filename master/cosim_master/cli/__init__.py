@@ -16,6 +16,7 @@ import gc
 import os
 import signal
 import sys
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
@@ -74,8 +75,8 @@ def _refuse_no_name(arguments: list[str]) -> None:
     """Ends the command if its output has an empty name, which Typer would take for the current folder."""
     from cosim_master.cli.terminal.console import report_error
 
-    for option, value in zip(arguments, [*arguments[1:], None], strict=True):
-        if (option in ("-o", "--out") and value == "") or option == "--out=":
+    for option, value in pairwise([*arguments, None]):
+        if option == "--out=" or (option in ("-o", "--out") and value == ""):
             report_error('-o "": the name is empty, as that of a shell variable that is not set; try . for this folder')
             sys.exit(2)
 
