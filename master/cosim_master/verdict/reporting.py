@@ -62,8 +62,8 @@ def _of_bodies(watch: Watch) -> Iterator[Finding]:
     for body in watch.bodies:
         if not body.flew and watch.end - body.commanded >= _PATIENCE:
             text = f"{body.instance} has never left the ground, though {body.by} wanted it to"
-            text += f" from {body.commanded:.1f} s on: is it armed, are its motors strong enough for its mass, and can it"
-            text += " fly at all (a rover cannot)?"
+            text += f" from {body.commanded:.1f} s on: is it armed, are its motors strong enough for its mass,"
+            text += " and can it fly at all (a rover cannot)?"
             yield Finding("never flew", "failure", (body.instance,), text, body.commanded)
 
 
