@@ -308,6 +308,18 @@ def test_too_many_parts_are_refused_before_one_starts(
     assert "--partitions: 999 parts of 5 units (drone1, drone2, drone3, drone4 and 1 more); give fewer" in done.stderr
 
 
+@pytest.mark.parametrize(("cores", "told"), [(2, True), (3, False)])
+def test_more_parts_than_processors_are_started_with_a_note(
+    cores: int, told: bool, fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cosim_master.cli.terminal.launching.os.cpu_count", lambda: cores)
+    monkeypatch.setattr("cosim_master.cli.terminal.launching.start_parts", lambda parts, _: 40 + parts)
+    done = CliRunner().invoke(app, ["run", str(SYSTEMS / "line5"), "--partitions", "3"])
+    assert done.exit_code == 43
+    assert ("3 parts take turns at 2 processors, which is slower than 2 parts or one" in done.stderr) == told
+
+
 @pytest.mark.alone
 def test_it_is_started_twice(fmus: Path, tmp_path: Path) -> None:
     with running(tmp_path / "out", "--pace", "1", parts=2) as parts:

@@ -91,7 +91,10 @@ def test_agent_whose_autopilot_has_another_system_id_fails(failing: Run) -> None
 def test_drone_that_does_not_arm_never_flies_and_its_agent_is_late(failing: Run) -> None:
     found = failing.of("never flew")["drone3.vehicle"]
     assert found.time == pytest.approx(2.2, abs=0.2)
-    assert "though drone3.agent wanted it to from 2.2 s on: is it armed" in found.text
+    assert found.text == (
+        "drone3.vehicle has never left the ground, though drone3.agent wanted it to from 2.2 s on: is it armed, "
+        "are its motors strong enough for its mass, and can it fly at all (a rover cannot)?"
+    )
     late = failing.of("agent late")["drone3.agent"]
     assert late.numbers == {"state": "arming", "by": 25.0}
     assert late.text == (

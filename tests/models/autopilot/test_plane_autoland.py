@@ -30,28 +30,38 @@ class Landing:
     """What happened until the plane was disarmed."""
 
     said: list[str] = field(default_factory=list)
-    heights: list[tuple[float, float]] = field(default_factory=list)  # distance along the runway's line, height: final
+    heights: list[tuple[float, float]] = field(default_factory=list)  # on the final: along it and above, from its point
     astray: float = 0.0  # m, from the line, on the final
     banked: list[float] = field(default_factory=list)  # of the circle: signs of the rates of turn
     touched: float = math.nan  # m/s, downwards
     stopped: float = math.nan  # s
 
 
-def land(p: Pair, heading: float = 0.0) -> Landing:
-    c, s = math.cos(heading), math.sin(heading)
+def land(
+    p: Pair, heading: float = 0.0, at: tuple[float, float, float] = (0.0, 0.0, 0.0), within: float = math.inf
+) -> Landing:
+    """Flies until it is disarmed.
+
+    Args:
+        heading: of the final, degrees.
+        at: the landing point.
+        within: m before it, in which the distance from the line counts.
+    """
+    c, s = math.cos(math.radians(heading)), math.sin(math.radians(heading))
     found = Landing()
-    end = p.time + 300.0
+    end = p.time + 400.0
     while p.m.armed:
         p.one_step()
         assert p.time < end
         found.said += [text for _, text in texts(p)]
-        n, e, d = p.place
+        n, e, d = (float(one) - other for one, other in zip(p.place, at, strict=True))
         ahead, right = n * c + e * s, e * c - n * s
-        if "Loiter to alt complete" not in found.said:
+        if "Loiter to alt complete" not in found.said and p.m.landing_stage < 3:
             found.banked.append(float(p.v.angular_velocity[2]))
         elif not math.isfinite(found.touched):
             found.heights.append((ahead, -d))
-            found.astray = max(found.astray, abs(right))
+            if ahead > -within:
+                found.astray = max(found.astray, abs(right))
             if d > -0.05:
                 found.touched = float(p.v.velocity[2])
         if p.m.on_ground and not math.isfinite(found.stopped):
@@ -60,6 +70,15 @@ def land(p: Pair, heading: float = 0.0) -> Landing:
     p.until(p.time + 0.2)
     found.said += [text for _, text in texts(p)]
     return found
+
+
+def of_ardupilot() -> Pair:
+    """The plane of ArduPilot's simulation, on the ground."""
+    pilot = {"AIRSPEED_CRUISE": 16.0, "AIRSPEED_MIN": 12.0, "AIRSPEED_MAX": 20.0, "THR_MAX": 100.0}
+    kind = KINDS["plane"]
+    p = Pair(kind.vehicle, kind.autopilot, preset("ardupilot_plane"), pilot | {"TKOFF_THR_MAX": 100.0})
+    p.until(2.5)
+    return p
 
 
 WORDS = [
@@ -105,17 +124,14 @@ def test_another_direction_and_another_final() -> None:
     for name, value in {"AUTOLAND_WP_ALT": 40.0, "AUTOLAND_WP_DIST": 600.0, "LAND_DISARMDELAY": 5.0}.items():
         p.m[name] = value
     assert p.ask(SET_MODE, 1, AUTOLAND) == ACCEPTED
-    found = land(p, math.radians(90.0))
+    found = land(p, 90.0)
     assert found.said[1] in [f"Landing approach start at {height}m" for height in (39.9, 40.0, 40.1)]
     assert found.astray < 8.0 and found.touched < 1.8
     assert found.stopped == pytest.approx(5.0, abs=0.15)
 
 
 def test_the_plane_of_ardupilot_lands() -> None:
-    pilot = {"AIRSPEED_CRUISE": 16.0, "AIRSPEED_MIN": 12.0, "AIRSPEED_MAX": 20.0, "THR_MAX": 100.0}
-    kind = KINDS["plane"]
-    p = Pair(kind.vehicle, kind.autopilot, preset("ardupilot_plane"), pilot | {"TKOFF_THR_MAX": 100.0})
-    p.until(2.5)
+    p = of_ardupilot()
     assert p.ask(SET_MODE, 1, TAKEOFF) == ACCEPTED
     assert p.ask(ARM, 1) == ACCEPTED
     p.until(40.0)

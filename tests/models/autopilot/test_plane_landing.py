@@ -7,14 +7,13 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.models.autopilot.test_plane_autoland import Landing, worded
+from tests.models.autopilot.test_plane_autoland import land, of_ardupilot, worded
 from tests.models.autopilot.test_plane_failsafes import LOST, long, said, short, with_values
 from tests.models.autopilot.test_plane_pilot import high
 from tests.models.autopilot.test_rover_battery import CRITICAL, told
 from tests.models.autopilot.test_rover_failsafes import INFO, WARNING, texts
-from tests.models.autopilot.test_small_autopilots import ARM, KINDS, SET_MODE, WAYPOINT, made, upload
+from tests.models.autopilot.test_small_autopilots import ARM, SET_MODE, WAYPOINT, made, upload
 from tests.models.autopilot.test_small_switches import flying
-from tests.models.copter import preset
 from tests.models.pair import ACCEPTED, FAILED, Pair, degrees_of
 
 MANUAL, FBWA, AUTO, RTL, GUIDED = 0, 5, 10, 11, 15
@@ -64,37 +63,12 @@ def until_it_lands(p: Pair) -> None:
         assert p.time < 400.0
 
 
-def touch_down(p: Pair, heading: float = 0.0, north: float = 0.0, east: float = 0.0, down: float = 0.0) -> Landing:
-    """Flies until it is disarmed; heights are those of the final, along it from the landing point, and above that."""
-    c, s = math.cos(math.radians(heading)), math.sin(math.radians(heading))
-    found = Landing()
-    end = p.time + 400.0
-    while p.m.armed:
-        p.one_step()
-        assert p.time < end
-        found.said += [text for _, text in texts(p)]
-        n, e, d = p.place
-        if p.m.landing_stage >= 3 and not math.isfinite(found.touched):
-            ahead, right = (n - north) * c + (e - east) * s, (e - east) * c - (n - north) * s
-            found.heights.append((ahead, down - d))
-            if ahead > -250.0:
-                found.astray = max(found.astray, abs(right))
-            if d > down - 0.05:
-                found.touched = float(p.v.velocity[2])
-        if p.m.on_ground and not math.isfinite(found.stopped):
-            found.stopped = p.time
-    found.stopped = p.time - found.stopped
-    p.until(p.time + 0.2)
-    found.said += [text for _, text in texts(p)]
-    return found
-
-
 # ---- the landing ---------------------------------------------------------------------------------------------------
 
 
 def test_a_mission_lands_on_the_slope_from_the_item_before() -> None:
     p = with_mission(landing())
-    found = touch_down(p)
+    found = land(p, within=250.0)
     assert [worded(text) for text in found.said] == WORDS
     height = float(found.said[0].split()[-1].rstrip("m"))
     assert height == pytest.approx(60.0, abs=4.0)
@@ -116,7 +90,7 @@ def test_a_mission_lands_on_the_slope_from_the_item_before() -> None:
 def test_the_landing_point_may_be_elsewhere_and_the_delay_another_one() -> None:
     p = with_mission([item(WAYPOINT, 300.0, 900.0, 50.0), item(LAND, 300.0, 300.0, 0.0)])
     p.m.LAND_DISARMDELAY = 4.0
-    found = touch_down(p, -90.0, 300.0, 300.0)
+    found = land(p, -90.0, (300.0, 300.0, 0.0), within=250.0)
     assert [worded(text) for text in found.said] == WORDS
     assert found.astray < 5.0
     assert -50.0 < found.heights[-1][0] < 20.0 and found.touched < 1.8
@@ -124,10 +98,7 @@ def test_the_landing_point_may_be_elsewhere_and_the_delay_another_one() -> None:
 
 
 def test_the_plane_of_ardupilot_flies_a_mission_from_take_off_to_landing() -> None:
-    pilot = {"AIRSPEED_CRUISE": 16.0, "AIRSPEED_MIN": 12.0, "AIRSPEED_MAX": 20.0, "THR_MAX": 100.0}
-    kind = KINDS["plane"]
-    p = Pair(kind.vehicle, kind.autopilot, preset("ardupilot_plane"), pilot | {"TKOFF_THR_MAX": 100.0})
-    p.until(2.5)
+    p = of_ardupilot()
     around = [
         item(WAYPOINT, 400.0, 300.0, 50.0),
         item(WAYPOINT, -500.0, 300.0, 50.0),
@@ -137,7 +108,7 @@ def test_the_plane_of_ardupilot_flies_a_mission_from_take_off_to_landing() -> No
     assert p.ask(SET_MODE, 1, AUTO) == ACCEPTED
     assert p.ask(ARM, 1) == ACCEPTED
     texts(p)
-    found = touch_down(p)
+    found = land(p, within=250.0)
     assert [worded(text) for text in found.said] == ["Autoland direction= #", *WORDS]
     assert found.astray < 5.0 and found.touched < 1.2
     assert -60.0 < found.heights[-1][0] < 20.0
@@ -206,7 +177,7 @@ def test_a_mission_without_a_sequence_refuses_it() -> None:
 def test_a_sequence_lands() -> None:
     p = with_mission(sequences())
     assert p.ask(LAND_START) == ACCEPTED
-    found = touch_down(p)
+    found = land(p, within=250.0)
     assert [worded(text) for text in found.said] == ["Landing sequence start", *WORDS]
     assert found.astray < 5.0 and -50.0 < found.heights[-1][0] < 20.0
 
