@@ -258,4 +258,6 @@ _MEMORY = (
     Memory("is_pushed", dtype="?"),  # whether the force of the surroundings is not zero
     Memory("is_blown", dtype="?"),  # whether there is added wind
     Memory("vanishing"),  # 1 / axial_speed_limit, s/m
+    Memory("per_mass"),  # 1 / mass, 1/kg
+    Memory("per_inertia", shape=3),  # 1 / inertia, 1/(kg m2)
 )

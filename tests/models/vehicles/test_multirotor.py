@@ -110,7 +110,7 @@ def test_terminal_speed_with_linear_drag() -> None:
     speed = m.mass * G / 0.8
     time_constant = m.mass / 0.8
     run(m, 3.0)
-    assert m.velocity[2] == pytest.approx(speed * (1.0 - math.exp(-3.0 / time_constant)), rel=1e-11)
+    assert m.velocity[2] == pytest.approx(speed * (1.0 - math.exp(-3.0 / time_constant)), rel=1e-9)
 
 
 def test_terminal_speed_with_quadratic_drag() -> None:
@@ -232,8 +232,8 @@ def test_torque_free_asymmetric_top_keeps_energy_and_angular_momentum() -> None:
     for _ in range(50):
         run(m, 0.1)
         tumbled = min(tumbled, float(m.angular_velocity[1]))
-        assert float(inertia @ m.angular_velocity**2) == pytest.approx(energy, rel=1e-8)
-        assert np.allclose(matrix(m.attitude) @ (inertia * m.angular_velocity), momentum, atol=1e-9)
+        assert float(inertia @ m.angular_velocity**2) == pytest.approx(energy, rel=1e-7)
+        assert np.allclose(matrix(m.attitude) @ (inertia * m.angular_velocity), momentum, atol=1e-8)
         assert float(np.linalg.norm(m.attitude)) == pytest.approx(1.0, abs=1e-14)
     assert tumbled < -5.0
 
@@ -410,11 +410,12 @@ def manoeuvre(substep: float, seconds: float = 0.8) -> np.ndarray:
     return np.concatenate([m.position, m.velocity, m.attitude, m.angular_velocity])
 
 
-def test_runge_kutta_is_of_order_four() -> None:
-    reference = manoeuvre(0.04 / 64)
-    errors = [float(np.linalg.norm(manoeuvre(0.04 / n) - reference)) for n in (2, 4, 8)]
+def test_kuttas_method_is_of_order_three() -> None:
+    reference = manoeuvre(0.04 / 512)
+    errors = [float(np.linalg.norm(manoeuvre(0.04 / n) - reference)) for n in (8, 16, 32)]
     orders = [math.log2(errors[i] / errors[i + 1]) for i in range(2)]
-    assert all(3.8 < order < 4.3 for order in orders), orders
+    assert all(2.9 < order < 3.1 for order in orders), orders
+    assert errors[1] < 1e-7  # with sub-steps of 2.5 ms, in m, m/s and rad/s together
 
 
 def test_the_communication_step_is_split_into_equal_substeps() -> None:

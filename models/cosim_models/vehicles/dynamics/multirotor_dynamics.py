@@ -1,6 +1,6 @@
 """The two kernels shared by all multirotor FMUs, over the record that `multirotor` declares.
 
-The rotors' lag is solved exactly. The body is integrated by the classical fourth-order Runge-Kutta method in equal
+The rotors' lag is solved exactly. The body is integrated by the third-order method of Kutta in equal
 sub-steps of at most `substep`. Frames: NED for position, velocity and wind, FRD for all quantities fixed to the body.
 """
 
@@ -208,15 +208,14 @@ def _accelerations(
     if m.rotor_inertia > 0.0:
         spin, rate = _spin(m, stage)
         torque = (torque[0], torque[1], torque[2] - rate)
-    mass = float(m.mass)
-    specific = (force[0] / mass, force[1] / mass, force[2] / mass)
+    specific = (force[0] * m.per_mass, force[1] * m.per_mass, force[2] * m.per_mass)
     acceleration = from_body(r, specific)
     if carried and acceleration[2] + GRAVITY > 0.0:
         acceleration = (acceleration[0], acceleration[1], -GRAVITY)
         specific = to_body(r, acceleration)
     return (
         (acceleration[0], acceleration[1], acceleration[2] + GRAVITY),
-        angular_acceleration(load(m.inertia), rates, torque, spin),
+        angular_acceleration(load(m.inertia), load(m.per_inertia), rates, torque, spin),
         specific,
     )
 
@@ -334,11 +333,11 @@ def _slew(m: Any) -> None:
 
 
 @kernel
-def _rk4(
+def _runge_kutta(
     m: Any, h: float, kept: bool, p: Vector, v: Vector, q: Quaternion, w: Vector
 ) -> tuple[Vector, Vector, Quaternion, Vector]:
-    """Performs one step of the classical Runge-Kutta method; the rotor speeds are already computed."""
-    half, sixth = 0.5 * h, h / 6.0
+    """Performs one step of Kutta's third-order method; the rotor speeds are already computed."""
+    half, twice, sixth = 0.5 * h, 2.0 * h, h / 6.0
     middle = int(np.int64(_MIDDLE))  # not a literal, because numba would recompile the forces for each
     end = middle + 1
     a1, b1 = _first_accelerations(m, kept, p, v, q, w)
@@ -346,27 +345,25 @@ def _rk4(
     v2, q2, w2 = along(v, half, a1), along4(q, half, c1), along(w, half, b1)
     a2, b2, _ = _accelerations(m, middle, along(p, half, v), v2, q2, w2)
     c2 = derivative(q2, w2)
-    v3, q3, w3 = along(v, half, a2), along4(q, half, c2), along(w, half, b2)
-    a3, b3, _ = _accelerations(m, middle, along(p, half, v2), v3, q3, w3)
+    p3, v3 = along(along(p, -h, v), twice, v2), along(along(v, -h, a1), twice, a2)
+    q3, w3 = along4(along4(q, -h, c1), twice, c2), along(along(w, -h, b1), twice, b2)
+    a3, b3, _ = _accelerations(m, end, p3, v3, q3, w3)
     c3 = derivative(q3, w3)
-    v4, q4, w4 = along(v, h, a3), along4(q, h, c3), along(w, h, b3)
-    a4, b4, _ = _accelerations(m, end, along(p, h, v3), v4, q4, w4)
-    c4 = derivative(q4, w4)
     return (
-        _weighted(p, sixth, v, v2, v3, v4),
-        _weighted(v, sixth, a1, a2, a3, a4),
-        normalize(along4(along4(along4(along4(q, sixth, c1), 2.0 * sixth, c2), 2.0 * sixth, c3), sixth, c4)),
-        _weighted(w, sixth, b1, b2, b3, b4),
+        _weighted(p, sixth, v, v2, v3),
+        _weighted(v, sixth, a1, a2, a3),
+        normalize(along4(along4(along4(q, sixth, c1), 4.0 * sixth, c2), sixth, c3)),
+        _weighted(w, sixth, b1, b2, b3),
     )
 
 
 @kernel
-def _weighted(x: Vector, sixth: float, k1: Vector, k2: Vector, k3: Vector, k4: Vector) -> Vector:
-    """Returns x + sixth (k1 + 2 k2 + 2 k3 + k4)."""
+def _weighted(x: Vector, sixth: float, k1: Vector, k2: Vector, k3: Vector) -> Vector:
+    """Returns x + sixth (k1 + 4 k2 + k3)."""
     return (
-        x[0] + sixth * (k1[0] + 2.0 * (k2[0] + k3[0]) + k4[0]),
-        x[1] + sixth * (k1[1] + 2.0 * (k2[1] + k3[1]) + k4[1]),
-        x[2] + sixth * (k1[2] + 2.0 * (k2[2] + k3[2]) + k4[2]),
+        x[0] + sixth * (k1[0] + 4.0 * k2[0] + k3[0]),
+        x[1] + sixth * (k1[1] + 4.0 * k2[1] + k3[1]),
+        x[2] + sixth * (k1[2] + 4.0 * k2[2] + k3[2]),
     )
 
 
@@ -466,6 +463,9 @@ def start(m: Any) -> int:
         return code
     _stand(m)
     m.vanishing = 1.0 / m.axial_speed_limit if m.axial_speed_limit > 0.0 else 0.0
+    m.per_mass = 1.0 / m.mass
+    for i in range(3):
+        m.per_inertia[i] = 1.0 / m.inertia[i]
     position = load(m.position_start)
     q = (cos(0.5 * m.yaw_start), 0.0, 0.0, sin(0.5 * m.yaw_start))
     rest = (0.0, 0.0, 0.0)
@@ -494,7 +494,7 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     for _ in range(steps):
         _turn_rotors(m, part)
         down = position[2]
-        position, velocity, q, rates = _rk4(m, part, kept, position, velocity, q, rates)
+        position, velocity, q, rates = _runge_kutta(m, part, kept, position, velocity, q, rates)
         kept = False
         if m.held_by_ground and is_held(down, position[2], velocity[2], m.ground_height):
             position, velocity, q = held(position, velocity, q, m.ground_height)

@@ -87,11 +87,12 @@ def to_body(r: Matrix, v: Vector) -> Vector:
 
 
 @kernel
-def angular_acceleration(inertia: Vector, rates: Vector, torque: Vector, spin: float) -> Vector:
+def angular_acceleration(inertia: Vector, per_inertia: Vector, rates: Vector, torque: Vector, spin: float) -> Vector:
     """Solves Euler's equation in principal axes: I dw/dt = torque - w x (I w + spin e_down) [rad/s2, FRD].
 
     Args:
         inertia: principal moments of inertia [kg m2].
+        per_inertia: their reciprocals [1/(kg m2)].
         rates: angular velocity w [rad/s, FRD].
         torque: torque about the centre of mass [N m, FRD].
         spin: angular momentum of the rotors about the down axis, relative to the body [kg m2/s].
@@ -99,7 +100,7 @@ def angular_acceleration(inertia: Vector, rates: Vector, torque: Vector, spin: f
     p, q, r = rates
     hx, hy, hz = inertia[0] * p, inertia[1] * q, inertia[2] * r + spin
     return (
-        (torque[0] - (q * hz - r * hy)) / inertia[0],
-        (torque[1] - (r * hx - p * hz)) / inertia[1],
-        (torque[2] - (p * hy - q * hx)) / inertia[2],
+        (torque[0] - (q * hz - r * hy)) * per_inertia[0],
+        (torque[1] - (r * hx - p * hz)) * per_inertia[1],
+        (torque[2] - (p * hy - q * hx)) * per_inertia[2],
     )
