@@ -1,9 +1,10 @@
-"""Checked kernels: array indices, endless loops, and fields accessed by offset.
+"""Checked kernels: array indices, divisions by zero, endless loops, and fields accessed by offset.
 
 A checked kernel is the author's function, compiled by numba with additional passes. In this function and in every
 function that it calls, an index outside its array causes an error instead of an access to adjacent memory. The error
 gives the source file, the line, and the array as written in the source: ``gauge.py:12: index 3 of m.v[3]; valid: -3 to
-2``. As in Python, negative indices count from the end, and slices are truncated to the array's length.
+2``. As in Python, negative indices count from the end, slices are truncated to the array's length, and a division by
+zero is a ZeroDivisionError.
 
 `texts_of_exceptions` makes the exceptions of any kernel, checked or not, readable for a C program: it replaces numba's
 pickles by text.
@@ -22,7 +23,7 @@ from typing import Any
 import llvmlite.binding as llvm
 from llvmlite import ir as llvm_ir
 from numba.core import cgutils, errors, ir, types
-from numba.core.callconv import CPUCallConv
+from numba.core.callconv import CPUCallConv, create_error_model
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.cpu import CPUContext
@@ -49,7 +50,7 @@ llvm.add_symbol(_INDEX_FAILED, ctypes.cast(_ignored, ctypes.c_void_p).value)  # 
 def checked(kernel: Dispatcher) -> Dispatcher:
     """Returns a checked version of the kernel, not compiled yet; the kernels that it calls are checked as well."""
     if kernel not in _checked:
-        options = {**kernel.targetoptions, "boundscheck": True}
+        options = {**kernel.targetoptions, "boundscheck": True, "error_model": "python"}
         _checked[kernel] = type(kernel)(kernel.py_func, targetoptions=options, pipeline_class=_Compiler)
     return _checked[kernel]
 
@@ -146,6 +147,7 @@ class _Lower(Lower):
         super().__init__(context, *arguments, **named)
         self.context.__class__ = _Context  # a copy for this function
         self.context.lower = self
+        self.context.error_model = create_error_model("python", self.context)  # of this convention
 
     def lower_inst(self, inst: Any) -> None:
         self.now = inst

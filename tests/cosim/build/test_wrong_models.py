@@ -317,6 +317,9 @@ RUNTIME = {  # case -> lines of `advance`, the line that fails, what is told, ca
     17: ("return 99", "", "advance returned 99; it returns 0, or a key of errors (7)"),
     18: ("return -1", "", "advance returned -1; it returns 0, or a key of errors (7)"),
     19: ("return 7", "", "advance: the gauge is broken (code 7)"),
+    25: ("m.y = t / (m.u - 0.5)", "m.y = t /", "ZeroDivisionError: division by zero"),
+    26: ("m.y = float(m.n % (m.n - 3))", "m.y = float(", "ZeroDivisionError: integer modulo by zero"),
+    27: ("part = half(t) // float(m.n - 3)\nm.y = part", "part = ", "ZeroDivisionError: division by zero"),
 }
 GOOD = {  # what Python allows: negative indices from the end, slices that are cut, copies of what overlaps
     20: ("m.v[-1] = 5.0\nm.v[-m.n] = 4.0", [4.0, 0.0, 5.0]),
