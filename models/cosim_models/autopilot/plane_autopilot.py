@@ -54,6 +54,7 @@ from cosim.vehicle import Airframe
 from cosim_models.autopilot.gcs.battery import reset_battery
 from cosim_models.autopilot.gcs.commands import firmware, receiver, repeat_home, told
 from cosim_models.autopilot.gcs.contact import note_report, note_station
+from cosim_models.autopilot.gcs.items import begin_items, complete_item, tell_item
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
     continue_upload,
@@ -70,7 +71,16 @@ from cosim_models.autopilot.gcs.sticks import STICK_PARAMETERS, hear_sticks
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.switches import start_switches, switch_parameters, switches
 from cosim_models.autopilot.gcs.targets import go_to, height_target, hold_here, home_here
-from cosim_models.autopilot.gcs.words import CLIMBING, MISSION_COMPLETE, NO_Q_MODES, NO_VTOL, say
+from cosim_models.autopilot.gcs.words import (
+    ABOVE_TAKEOFF,
+    CLIMBING,
+    MISSION_COMPLETE,
+    NO_Q_MODES,
+    NO_VTOL,
+    TAKEOFF_COMPLETE,
+    say,
+    say_figures,
+)
 from cosim_models.autopilot.wing.arming import ARMING_MEMORY, checking, landing_checks, landing_missions
 from cosim_models.autopilot.wing.attitude import rest
 from cosim_models.autopilot.wing.autoland import (
@@ -96,6 +106,7 @@ from cosim_models.autopilot.wing.flight import (
     wing_parameters,
 )
 from cosim_models.autopilot.wing.functions import FUNCTION_MEMORY, MODE_FUNCTIONS, SWITCHED_MODES, own_functions
+from cosim_models.autopilot.wing.legs import LEG_MEMORY, begin_leg, ends_leg
 from cosim_models.autopilot.wing.piloted import (
     PILOT_MEMORY,
     PILOT_PARAMETERS,
@@ -105,6 +116,7 @@ from cosim_models.autopilot.wing.piloted import (
     demand,
     mix_sticks,
 )
+from cosim_models.autopilot.wing.progress import LAUNCH_MEMORY, LEVEL_OFF, begin_launch, tell_launch
 from cosim_models.autopilot.wing.sequence import (
     SEQUENCE_MEMORY,
     SEQUENCE_PARAMETERS,
@@ -176,6 +188,8 @@ VARIABLES = pilot_variables(
         *WING_MEMORY,
         *PILOT_MEMORY,
         *AUTOLAND_MEMORY,
+        *LAUNCH_MEMORY,
+        *LEG_MEMORY,
         *SEQUENCE_MEMORY,
         *FAILSAFE_MEMORY,
         *ARMING_MEMORY,
@@ -224,6 +238,8 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     m.item_since = -1.0
     m.autonomous = mode not in _BY_HAND and mode != _FBWB and mode != _CRUISE
     m.mission_active = mode == _AUTO
+    if mode == _AUTO:
+        begin_items(m)
     m.taking_off = False
     if mode != _AUTOLAND:
         hold_here(m)
@@ -233,9 +249,12 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     elif m.tuning_told:
         end_tuning(m)
     if mode == _TAKEOFF:
+        above = m.home[2] - m.position[2] >= m.TKOFF_ALT
         if not m.on_ground:
-            say(m, MAV_SEVERITY_INFO, CLIMBING, 0)
-        launch(m, m.home[2] - m.TKOFF_ALT)
+            say(m, MAV_SEVERITY_INFO, ABOVE_TAKEOFF if above else CLIMBING, 0)
+        if not above:
+            launch(m, m.home[2] - m.TKOFF_ALT)
+            begin_launch(m, not m.on_ground)
     elif mode == _RTL:
         go_to(m, m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE)
     elif mode == _LOITER_ALT_QLAND:
@@ -255,9 +274,11 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     m.armed = True
     m.armed_at = t
     home_here(m)
+    m.item_since = -1.0
     note_arming(m)
     if m.mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
+        begin_launch(m, False)
     return MAV_RESULT_ACCEPTED
 
 
@@ -310,9 +331,47 @@ _receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, height_targe
 
 
 @kernel
+def _stay(m: Any, h: float) -> None:
+    """Circles its target; on the ground, it stands."""
+    if m.on_ground:
+        rest(m)
+    else:
+        fly(m, circle(m, m.guided_position[0], m.guided_position[1]), m.guided_position[2], cruise_speed(m), h)
+
+
+@kernel
+def _launch(m: Any, t: float, h: float) -> None:
+    """Takes off along the runway."""
+    take_off(m, h)
+    m.motor[2] = min(m.motor[2], tell_launch(m, t))
+
+
+@kernel
+def _take_off_in_mission(m: Any, row: int, t: float, h: float) -> None:
+    """Carries NAV_TAKEOFF out, which ends at its height, or when it has levelled off for long enough."""
+    _, _, d = item_place(m, row)
+    if m.item_since < 0.0:
+        m.item_since = t
+        launch(m, d)
+        begin_launch(m, not m.on_ground)
+    if m.taking_off:
+        _launch(m, t, h)
+    else:
+        fly(m, bank_for(m, m.runway, 0.0), d, cruise_speed(m), h)
+    if m.position[2] <= d or (m.levels_since >= 0.0 and t - m.levels_since > LEVEL_OFF):
+        m.taking_off = False
+        say_figures(m, MAV_SEVERITY_INFO, TAKEOFF_COMPLETE, (m.home[2] - m.position[2], 0.0, 0.0, 0.0))
+        complete_item(m)
+
+
+@kernel
 def _carry_out(m: Any, t: float, h: float) -> None:
     """Carries the mission out; at its end, it returns."""
+    tell_item(m)
     row = m.mission_current
+    if m.uploading:
+        _stay(m, h)
+        return
     if m.mission_done or row >= m.mission_count:
         say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
         _change_mode(m, _RTL, t)
@@ -321,21 +380,13 @@ def _carry_out(m: Any, t: float, h: float) -> None:
         return
     command = int(m.mission[row, COMMAND])
     if command == MAV_CMD_NAV_TAKEOFF:
-        _, _, d = item_place(m, row)
-        if m.on_ground and not m.taking_off:
-            launch(m, d)
-        if m.taking_off:
-            take_off(m, h)
-        if not m.taking_off:
-            tell_reached(m, row)
-            m.mission_current += 1
+        _take_off_in_mission(m, row, t, h)
         return
     if command == MAV_CMD_NAV_LAND:
         land_in_mission(m, row, t, h)
         return
     if command == MAV_CMD_DO_LAND_START:
-        tell_reached(m, row)
-        m.mission_current += 1
+        complete_item(m)
         return
     n, e, d = m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE
     if command != MAV_CMD_NAV_RETURN_TO_LAUNCH:
@@ -344,11 +395,12 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     if command != MAV_CMD_NAV_WAYPOINT:
         fly(m, circle(m, n, e), d, cruise_speed(m), h)
         return
+    if m.item_since < 0.0:
+        begin_leg(m, row, n, e, t)
     dn, de = n - m.position[0], e - m.position[1]
     fly(m, bank_for(m, math.atan2(de, dn), 0.0), d, cruise_speed(m), h)
-    if dn * dn + de * de < m.WP_RADIUS * m.WP_RADIUS:
-        tell_reached(m, row)
-        m.mission_current += 1
+    if ends_leg(m, row, n, e):
+        complete_item(m)
 
 
 @kernel
@@ -373,11 +425,9 @@ def _act(m: Any, t: float, h: float) -> None:
     elif m.mode == _AUTO:
         _carry_out(m, t, h)
     elif m.taking_off:
-        take_off(m, h)
-    elif m.on_ground:
-        rest(m)
+        _launch(m, t, h)
     else:
-        fly(m, circle(m, m.guided_position[0], m.guided_position[1]), m.guided_position[2], cruise_speed(m), h)
+        _stay(m, h)
 
 
 # ---- the model -----------------------------------------------------------------------------------------------------
@@ -400,6 +450,7 @@ def start(m: Any) -> int:
     rest(m)
     drain_battery(m, 0.0)
     start_gps(m)
+    m.station_known = True  # as at the boot of ArduPlane
     start_switches(m)
     start_streams(m)
     hold_here(m)

@@ -57,6 +57,7 @@ from cosim_models.autopilot.gcs.battery import reset_battery
 from cosim_models.autopilot.gcs.commands import firmware, receiver, repeat_home, told
 from cosim_models.autopilot.gcs.contact import note_report, note_station
 from cosim_models.autopilot.gcs.devices import continue_motor_test
+from cosim_models.autopilot.gcs.items import begin_items, complete_item, tell_item
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
     continue_upload,
@@ -102,6 +103,7 @@ from cosim_models.autopilot.wing.flight import (
 )
 from cosim_models.autopilot.wing.functions import FUNCTION_MEMORY, MODE_FUNCTIONS, SWITCHED_MODES, own_functions
 from cosim_models.autopilot.wing.hover import HOVER_MEMORY, HOVER_PARAMETERS, hover, no_lift, sink
+from cosim_models.autopilot.wing.legs import LEG_MEMORY, begin_leg, ends_leg
 from cosim_models.autopilot.wing.lifted import LIFT_MEMORY, LIFT_PARAMETERS, begin_lifted, by_rotors, lifts_off
 from cosim_models.autopilot.wing.piloted import (
     PILOT_MEMORY,
@@ -252,6 +254,7 @@ VARIABLES = pilot_variables(
         *LIFT_MEMORY,
         *TRANSITION_MEMORY,
         *PROGRESS_MEMORY,
+        *LEG_MEMORY,
         *RETURN_MEMORY,
         *SEQUENCE_MEMORY,
         *FAILSAFE_MEMORY,
@@ -302,7 +305,10 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     m.mode_by_radio, m.landing_sought = False, False
     m.autonomous = mode not in _PILOTED
     m.mission_active = mode == _AUTO
+    if mode == _AUTO:
+        begin_items(m)
     m.taking_off = False
+    m.item_since = -1.0
     m.vtol_mode, m.descending, m.circle_told, m.braking = False, False, False, False
     m.arrival_speed, m.turns_to_place = 0.0, False
     hold_here(m)
@@ -315,7 +321,7 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
         end_tuning(m)
     if mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
-        begin_launch(m)
+        begin_launch(m, False)
     elif mode == _RTL:
         go_to(m, m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE)
     elif mode == _LOITER_ALT_QLAND:
@@ -340,7 +346,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     home_here(m)
     if m.mode == _TAKEOFF:
         launch(m, m.home[2] - m.TKOFF_ALT)
-        begin_launch(m)
+        begin_launch(m, False)
     return MAV_RESULT_ACCEPTED
 
 
@@ -445,7 +451,12 @@ def _vertical(m: Any, h: float) -> None:
 @kernel
 def _carry_out(m: Any, t: float, h: float) -> None:
     """Carries the mission out; at its end, it returns."""
+    tell_item(m)
     row = m.mission_current
+    if m.uploading:
+        if not m.on_ground:
+            go_round(m, m.guided_position[0], m.guided_position[1], m.guided_position[2], t, h)
+        return
     if m.mission_done or row >= m.mission_count:
         say(m, MAV_SEVERITY_INFO, MISSION_COMPLETE, 0)
         _change_mode(m, _RTL, t)
@@ -460,12 +471,10 @@ def _carry_out(m: Any, t: float, h: float) -> None:
         if m.taking_off:
             _vertical(m, h)
         if not m.taking_off:
-            tell_reached(m, row)
-            m.mission_current += 1
+            complete_item(m)
         return
     if command == MAV_CMD_DO_LAND_START:
-        tell_reached(m, row)
-        m.mission_current += 1
+        complete_item(m)
         return
     n, e, d = m.home[0], m.home[1], m.home[2] - m.RTL_ALTITUDE
     if command != MAV_CMD_NAV_RETURN_TO_LAUNCH:
@@ -477,6 +486,8 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     if command != MAV_CMD_NAV_WAYPOINT:
         go_round(m, n, e, d, t, h)
         return
+    if m.item_since < 0.0:
+        begin_leg(m, row, n, e, t)
     if m.vtol_mode:
         m.vtol = True
         hover(m, n, e, d, h)
@@ -484,10 +495,9 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     else:
         course = math.atan2(e - m.position[1], n - m.position[0])
         on_wing(m, bank_for(m, course, 0.0), d, cruise_speed(m), t, h)
-        reached = distance_to(m, n, e) < m.WP_RADIUS
+        reached = ends_leg(m, row, n, e)
     if reached:
-        tell_reached(m, row)
-        m.mission_current += 1
+        complete_item(m)
 
 
 @kernel
@@ -529,8 +539,7 @@ def _launch(m: Any, t: float, h: float) -> None:
     else:
         m.vtol, m.fast_since = False, 0.0
         take_off(m, h)
-    if not tell_launch(m, t):
-        m.motor[2] = 0.0
+    m.motor[2] = min(m.motor[2], tell_launch(m, t))
 
 
 @kernel
@@ -610,6 +619,7 @@ def start(m: Any) -> int:
     m.lifts = True
     drain_battery(m, 0.0)
     start_gps(m)
+    m.station_known = True  # as at the boot of ArduPlane
     start_switches(m)
     start_streams(m)
     hold_here(m)

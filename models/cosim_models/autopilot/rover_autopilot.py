@@ -49,6 +49,7 @@ from cosim.vehicle import Airframe
 from cosim_models.autopilot.gcs.battery import battery_permits_arming, reset_battery
 from cosim_models.autopilot.gcs.commands import firmware, receiver, told
 from cosim_models.autopilot.gcs.contact import note_station
+from cosim_models.autopilot.gcs.items import begin_items, complete_item, tell_item
 from cosim_models.autopilot.gcs.missions import (
     COMMAND,
     P1,
@@ -58,7 +59,6 @@ from cosim_models.autopilot.gcs.missions import (
     item_place,
     mission_protocol,
     set_current,
-    tell_reached,
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
 from cosim_models.autopilot.gcs.positioning import start_gps
@@ -84,8 +84,10 @@ from cosim_models.autopilot.gcs.words import (
     NO_DOCK,
     NO_MISSION,
     REACHED,
+    REACHED_WAITS,
     SAVED_NONE,
     say,
+    say_figures,
 )
 from cosim_models.autopilot.surface.circling import CIRCLE_MEMORY, CIRCLE_PARAMETERS, begin_circle, circle
 from cosim_models.autopilot.surface.driving import DRIVE_MEMORY, DRIVE_PARAMETERS, STANDING, cruise, drive, stop
@@ -217,6 +219,8 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     m.mode = mode
     m.autonomous = mode not in (_MANUAL, _HOLD) and mode not in _PILOTED
     m.mission_active = mode == _AUTO
+    if mode == _AUTO:
+        begin_items(m)
     m.told_home = False
     if mode == _SMART_RTL:
         return MAV_RESULT_ACCEPTED
@@ -367,6 +371,10 @@ def _guide(m: Any, t: float, h: float) -> None:
 @kernel
 def _carry_out(m: Any, t: float, h: float) -> None:
     """Carries the mission out; at its end, the vehicle holds its place."""
+    tell_item(m)
+    if m.uploading:
+        _drive_to(m, m.guided_position[0], m.guided_position[1], h)
+        return
     row = m.mission_current
     if m.mission_done or row >= m.mission_count:
         if not m.mission_done:
@@ -378,7 +386,7 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     if command == MAV_CMD_DO_CHANGE_SPEED:
         if m.mission[row, P2] > 0.0:
             m.cruise = m.mission[row, P2]
-        m.mission_current += 1
+        complete_item(m)
         return
     n, e = m.home[0], m.home[1]
     if command != MAV_CMD_NAV_RETURN_TO_LAUNCH:
@@ -390,11 +398,12 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     _drive_to(m, n, e, h)
     if m.arrived and m.item_since < 0.0:
         m.item_since = t
+        if command != MAV_CMD_NAV_LOITER_UNLIM:
+            wait = float(m.mission[row, P1])
+            text = REACHED_WAITS if wait >= 1.0 else REACHED
+            say_figures(m, MAV_SEVERITY_INFO, text, (float(row), float(math.floor(wait)), 0.0, 0.0))
     if m.item_since >= 0.0 and command != MAV_CMD_NAV_LOITER_UNLIM and t - m.item_since >= m.mission[row, P1]:
-        say(m, MAV_SEVERITY_INFO, REACHED, row)
-        tell_reached(m, row)
-        m.mission_current += 1
-        m.item_since = -1.0
+        complete_item(m)
 
 
 @kernel

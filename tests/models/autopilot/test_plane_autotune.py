@@ -51,7 +51,7 @@ def tuned(p: Pair, throttle: int) -> list[tuple[int, str]]:
 
 def rise(p: Pair) -> tuple[float, float]:
     """Time [s] in which 63 % of a bank of 30 degrees are reached, and the greatest bank in 3 s."""
-    sticks(p, 4.0, throttle=1500)
+    sticks(p, 8.0, throttle=1500)
     begin, reached, most = p.time, math.inf, 0.0
     while p.time < begin + 3.0:
         sticks(p, 0.05, roll=1835, throttle=1500)

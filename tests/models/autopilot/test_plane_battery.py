@@ -16,7 +16,7 @@ AUTO, RTL, GUIDED, QLAND, QRTL, LOITER_ALT_QLAND = 10, 11, 15, 20, 21, 25
 SYS_STATUS, BATTERY_STATUS = mavlink.MAVLINK_MSG_ID_SYS_STATUS, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS
 NO_LANDING = (WARNING, "Unable to start landing sequence")
 TERMINATION = (INFO, "AFS not enabled, can't terminate the vehicle")
-PARACHUTE = (WARNING, "Parachute: none on board")
+PARACHUTE = (CRITICAL, "Parachute: Released")
 CHANGE_FAILED = (WARNING, "Flight mode change failed")
 
 

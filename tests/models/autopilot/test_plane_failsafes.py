@@ -27,7 +27,7 @@ def short(mode: int, changed: bool = True) -> tuple[int, str]:
 
 
 def long(mode: int, cause: str = "RC Long") -> tuple[int, str]:
-    return WARNING, f"{cause} Failsafe On: switched to {NAMES[mode]}"
+    return WARNING, f"{cause} Failsafe On: {NAMES[mode]}"
 
 
 @cache
@@ -44,9 +44,10 @@ def hovering(mode: int) -> Pair:
 
 
 def with_values(p: Pair, fail: int = 0, **values: float) -> Pair:
-    """The pair with values of parameters; its receiver fails from now on."""
+    """The pair with values of parameters; its receiver fails from now on, its station has been heard until now."""
     for name, value in values.items():
         p.m[name] = value
+    p.m.station_heard = p.time
     p.until(p.time + 0.3)
     texts(p)
     p.m.SIM_RC_FAIL = fail
@@ -80,7 +81,7 @@ def test_a_silent_receiver_is_lost_after_its_times_and_the_mode_comes_back() -> 
     p.m.SIM_RC_FAIL = 0
     assert said(p, 2.0) == [
         BACK,
-        (WARNING, "RC Short Failsafe Cleared"),
+        (WARNING, "Short Failsafe Cleared"),
         (INFO, "Flight mode CRUISE restored"),
     ]
     assert p.m.mode == CRUISE
@@ -93,7 +94,7 @@ def test_a_mode_that_was_chosen_meanwhile_stays() -> None:
     assert said(p, 3.0) == [LOST, short(CIRCLE)]
     assert p.ask(SET_MODE, 1, LOITER) == ACCEPTED
     p.m.SIM_RC_FAIL = 0
-    assert said(p, 2.0) == [BACK, (WARNING, "RC Short Failsafe Cleared")]
+    assert said(p, 2.0) == [BACK, (WARNING, "Short Failsafe Cleared")]
     assert p.m.mode == LOITER
 
 
@@ -126,7 +127,9 @@ def test_what_a_short_loss_leads_to(mode: int, action: int, other: int) -> None:
     assert p.m.mode == other
     p.m.SIM_RC_FAIL = 0
     restored = [(INFO, f"Flight mode {NAMES[mode]} restored")] if mode != other else []
-    assert said(p, 2.0) == [BACK, (WARNING, "RC Short Failsafe Cleared"), *restored]
+    if mode == AUTO != other:
+        restored.insert(0, (INFO, "Mission: 1 WP"))
+    assert said(p, 2.0) == [BACK, (WARNING, "Short Failsafe Cleared"), *restored]
     assert p.m.mode == mode
 
 
@@ -188,7 +191,8 @@ def test_what_a_long_loss_leads_to(mode: int, action: int, other: int) -> None:
     with_values(p, FS_LONG_ACTN=action, FS_SHORT_ACTN=0, fail=1)
     events = when_told(p, 7.0)
     middle = CIRCLE if mode == CRUISE else mode
-    assert [text for _, text in events] == [LOST, short(middle, middle != mode), long(other)]
+    item = [(INFO, "Mission: 1 WP")] if other == AUTO != mode else []
+    assert [text for _, text in events] == [LOST, short(middle, middle != mode), *item, long(other)]
     assert events[-1][0] == pytest.approx(1.2 + 5.0, abs=0.15)  # FS_LONG_TIMEOUT after the short one
     assert p.m.mode == other
     p.m.SIM_RC_FAIL = 0
@@ -196,14 +200,10 @@ def test_what_a_long_loss_leads_to(mode: int, action: int, other: int) -> None:
     assert p.m.mode == other  # it does not come back
 
 
-@pytest.mark.parametrize(
-    ("action", "mode", "text"),
-    [(3, CIRCLE, "Parachute: none on board")],
-)
-def test_what_is_not_on_board_is_told(action: int, mode: int, text: str) -> None:
-    p = with_values(high(CRUISE), FS_LONG_ACTN=action, fail=1)
-    assert said(p, 7.0) == [LOST, short(CIRCLE), (WARNING, text), long(mode)]
-    assert p.m.mode == mode
+def test_a_parachute_is_told_as_released_where_there_is_none() -> None:
+    p = with_values(high(CRUISE), FS_LONG_ACTN=3, fail=1)
+    assert said(p, 7.0) == [LOST, short(CIRCLE), (CRITICAL, "Parachute: Released"), long(CIRCLE)]
+    assert p.m.mode == CIRCLE
 
 
 @pytest.mark.parametrize(("action", "then"), [(0, RTL), (2, FBWA)])
@@ -218,7 +218,7 @@ def test_a_take_off_is_finished_first_unless_it_glides(action: int, then: int) -
     assert said(p, 3.0) == [LOST, short(TAKEOFF, False), long(TAKEOFF if then == RTL else then)]
     assert p.m.taking_off == (then == RTL)
     if then == RTL:
-        assert said(p, 20.0) == [long(RTL)]
+        assert said(p, 20.0) == [(INFO, "Takeoff level-off starting at 10m"), long(RTL)]
         assert -p.place[2] > 50.0
     assert p.m.mode == then
 
@@ -329,17 +329,28 @@ def test_a_lost_station_is_a_long_loss(enabled: int, mode: int, action: int, oth
     assert events[0][0] + 1.0 == pytest.approx(5.0, abs=0.15)  # FS_LONG_TIMEOUT from the last HEARTBEAT
     assert p.m.mode == other and last > 0.0
     with_station(p, 1.0)
-    assert texts(p) == [(WARNING, "GCS Failsafe Cleared")]
+    assert texts(p) == [(WARNING, "GCS Failsafe Off")]
     assert p.m.mode == other
 
 
-def test_no_station_another_one_none_asked_for_and_not_in_auto() -> None:
-    for enabled, system in ((1, 0), (1, 254), (0, 255), (3, 255)):
-        p = with_values(high(CRUISE), FS_GCS_ENABL=enabled)
-        if system:
-            with_station(p, 2.0, system)
-        assert said(p, 8.0) == []
-        assert p.m.mode == CRUISE
+@pytest.mark.parametrize("system", [0, 254])
+def test_a_station_counts_as_heard_at_the_boot_and_another_one_does_not(system: int) -> None:
+    p = high(CRUISE)
+    assert p.m.station_known and p.m.station_heard == 0.0
+    if system:
+        with_station(p, 1.0, system)
+    texts(p)
+    p.m.FS_GCS_ENABL = 1
+    assert said(p, 1.0) == [long(RTL, "GCS")]
+    assert p.m.mode == RTL
+
+
+@pytest.mark.parametrize("enabled", [0, 3])
+def test_a_lost_station_is_nothing_where_it_is_not_asked_for_or_not_in_auto(enabled: int) -> None:
+    p = with_values(high(CRUISE), FS_GCS_ENABL=enabled)
+    with_station(p, 2.0)
+    assert said(p, 8.0) == []
+    assert p.m.mode == CRUISE
 
 
 def reported(p: Pair, seconds: float, strength: int) -> None:
@@ -360,7 +371,7 @@ def test_a_radio_that_reports_no_other_end_is_a_lost_station(enabled: int) -> No
     assert texts(p) == []
     reported(p, 2.0, 0)
     found = texts(p)
-    assert found[:2] == ([long(RTL, "GCS"), (WARNING, "GCS Failsafe Cleared")] if enabled == 2 else [])
+    assert found[:2] == ([long(RTL, "GCS"), (WARNING, "GCS Failsafe Off")] if enabled == 2 else [])
     assert p.m.mode == (RTL if enabled == 2 else CRUISE)
 
 

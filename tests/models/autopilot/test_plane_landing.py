@@ -22,8 +22,12 @@ VTOL_TAKEOFF = mavlink.MAV_CMD_NAV_VTOL_TAKEOFF
 NOTICE = mavlink.MAV_SEVERITY_NOTICE
 NO_PLACE = (0.0, 0.0)
 SEQUENCE = (INFO, "Landing sequence start")
+REACHED, PASSED = "Reached waypoint ## dist #m", "Passed waypoint ## dist #m"
+"""The second one where the way leads straight on."""
+WAY = [REACHED, "Mission: # WP"]
 NO_SEQUENCE = (WARNING, "Unable to start landing sequence")
 WORDS = [
+    "Mission: # Land",
     "Landing approach start at #m",
     "Landing glide slope # degrees",
     "Flare #m sink=# speed=# dist=#",
@@ -69,10 +73,11 @@ def until_it_lands(p: Pair) -> None:
 def test_a_mission_lands_on_the_slope_from_the_item_before() -> None:
     p = with_mission(landing())
     found = land(p, within=250.0)
-    assert [worded(text) for text in found.said] == WORDS
-    height = float(found.said[0].split()[-1].rstrip("m"))
+    assert [worded(text) for text in found.said] == [*WAY, PASSED, *WORDS]
+    assert found.said[3] == "Mission: 3 Land"
+    height = float(found.said[4].split()[-1].rstrip("m"))
     assert height == pytest.approx(60.0, abs=4.0)
-    slope = float(found.said[1].split()[-2])
+    slope = float(found.said[5].split()[-2])
     assert slope == pytest.approx(6.1, abs=0.15)  # 60 - 4.4 m high over 600 - 79 m, at 22 m/s
     assert found.astray < 5.0
     for ahead, above in found.heights:
@@ -80,7 +85,7 @@ def test_a_mission_lands_on_the_slope_from_the_item_before() -> None:
             assert above == pytest.approx(4.4 + math.tan(math.radians(slope)) * (-ahead - 79.0), abs=2.0)
     assert found.touched < 1.8
     assert -50.0 < found.heights[-1][0] < 20.0
-    assert found.stopped == pytest.approx(20.0, abs=0.15)  # LAND_DISARMDELAY
+    assert found.stopped == pytest.approx(3.0 + 20.0, abs=0.15)  # s until it counts as standing, LAND_DISARMDELAY
     distance = float(found.said[-1].split("=")[1].rstrip("m"))
     assert distance == pytest.approx(math.hypot(*p.place[:2]), abs=0.01)
     assert (p.m.mode, p.m.mission_current) == (AUTO, 3)
@@ -91,10 +96,10 @@ def test_the_landing_point_may_be_elsewhere_and_the_delay_another_one() -> None:
     p = with_mission([item(WAYPOINT, 300.0, 900.0, 50.0), item(LAND, 300.0, 300.0, 0.0)])
     p.m.LAND_DISARMDELAY = 4.0
     found = land(p, -90.0, (300.0, 300.0, 0.0), within=250.0)
-    assert [worded(text) for text in found.said] == WORDS
+    assert [worded(text) for text in found.said] == [REACHED, *WORDS]
     assert found.astray < 5.0
     assert -50.0 < found.heights[-1][0] < 20.0 and found.touched < 1.8
-    assert found.stopped == pytest.approx(4.0, abs=0.15)
+    assert found.stopped == pytest.approx(3.0 + 4.0, abs=0.15)
 
 
 def test_the_plane_of_ardupilot_flies_a_mission_from_take_off_to_landing() -> None:
@@ -109,7 +114,19 @@ def test_the_plane_of_ardupilot_flies_a_mission_from_take_off_to_landing() -> No
     assert p.ask(ARM, 1) == ACCEPTED
     texts(p)
     found = land(p, within=250.0)
-    assert [worded(text) for text in found.said] == ["Autoland direction= #", *WORDS]
+    assert [worded(text) for text in found.said] == [
+        "Armed AUTO, xaccel = # m/s/s, waiting # sec",
+        "Triggered AUTO. GPS speed = #",
+        "Holding course # at #m/s (#)",
+        "Autoland direction= #",
+        "Takeoff level-off starting at #m",
+        "Takeoff complete at #m",
+        "Mission: # WP",
+        *WAY,
+        *WAY,
+        REACHED,
+        *WORDS,
+    ]
     assert found.astray < 5.0 and found.touched < 1.2
     assert -60.0 < found.heights[-1][0] < 20.0
     # it would go on with the landing
@@ -124,7 +141,7 @@ def test_without_an_item_before_the_final_begins_where_it_is() -> None:
     assert p.ask(SET_MODE, 1, AUTO) == ACCEPTED
     n, e, d = p.place
     p.until(p.time + 0.1)
-    assert texts(p) == [(INFO, f"Landing approach start at {-d:.1f}m")]
+    assert texts(p) == [(INFO, "Mission: 1 Land"), (INFO, f"Landing approach start at {-d:.1f}m")]
     assert p.m.line[:2].tolist() == pytest.approx([n, e], abs=4.0)
     assert p.m.final.tolist() == pytest.approx([math.hypot(800.0 - n, e), -d], abs=4.0)
     assert p.m.lands_on_wheels
@@ -147,7 +164,9 @@ def test_a_command_begins_the_nearest_landing_sequence(mode: int, east: float, r
     p.until(p.time + 0.1)
     p.heard.clear()
     assert p.ask(LAND_START) == ACCEPTED
-    assert texts(p) == [SEQUENCE]
+    p.until(p.time + 0.1)
+    items = [(INFO, f"Mission: {row} LandStart"), (INFO, f"Mission: {row + 1} WP")]
+    assert texts(p) == [*items, SEQUENCE, *(items if mode == GUIDED else [])]
     assert (p.m.mode, p.m.mission_current) == (AUTO, row + 1)
 
 
@@ -178,7 +197,8 @@ def test_a_sequence_lands() -> None:
     p = with_mission(sequences())
     assert p.ask(LAND_START) == ACCEPTED
     found = land(p, within=250.0)
-    assert [worded(text) for text in found.said] == ["Landing sequence start", *WORDS]
+    begun = ["Mission: # LandStart", "Mission: # WP", "Landing sequence start"]
+    assert [worded(text) for text in found.said] == [*begun, *WAY, PASSED, *WORDS]
     assert found.astray < 5.0 and -50.0 < found.heights[-1][0] < 20.0
 
 
@@ -191,7 +211,8 @@ def test_returns_go_on_with_a_sequence_if_they_may(choice: int, begins: bool) ->
     assert (p.m.mode == AUTO) == (choice == 2)
     p.until(p.time + 40.0)
     assert p.m.mode == (AUTO if begins else RTL)
-    assert texts(p) == [SEQUENCE] * begins
+    items = [(INFO, "Mission: 5 LandStart"), (INFO, "Mission: 6 WP")]
+    assert texts(p)[:5] == [*items, SEQUENCE, *items] * begins  # as by ArduPlane, before and in AUTO
 
 
 def test_a_return_looks_once_for_a_sequence() -> None:
@@ -210,7 +231,10 @@ def test_a_low_battery_begins_a_sequence(action: int) -> None:
     p = with_mission(sequences(), GUIDED)
     with_values(p, BATT_FS_LOW_ACT=action, BATT_FS_CRT_ACT=1, BATT_LOW_MAH=100.0, BATT_CRT_MAH=50.0)
     p.m.battery_used = 3201.0
-    assert told(p)[1:] == [SEQUENCE]
+    items = [(INFO, "Mission: 5 LandStart"), (INFO, "Mission: 6 WP")]
+    found = told(p)[1:]
+    p.until(p.time + 0.1)
+    assert found + texts(p) == [*items, SEQUENCE, *items]
     assert (p.m.mode, p.m.mission_current) == (AUTO, 6)
     p.m.battery_used = 3251.0
     assert [text.split(" 1 ")[0] for _, text in told(p)] == ["Battery"]  # RTL does not end a sequence
@@ -310,7 +334,7 @@ def test_quadplanes_land_vertically() -> None:
     assert upload(p, items) == mavlink.MAV_MISSION_ACCEPTED
     texts(p)
     assert p.ask(LAND_START) == ACCEPTED
-    assert (p.m.mode, texts(p)[0]) == (AUTO, SEQUENCE)
+    assert (p.m.mode, texts(p)[:3]) == (AUTO, [(INFO, "Mission: 2 LandStart"), (INFO, "Mission: 3 Land"), SEQUENCE])
     end = p.time + 90.0
     while p.m.armed:
         p.until(p.time + 0.5)

@@ -97,7 +97,8 @@ def test_a_rover_tells_how_far_its_mission_is() -> None:
     assert (current.seq, current.total, current.mission_state) == (2, 3, mavlink.MISSION_STATE_ACTIVE)
     told(p)
     p.until(p.time + 40.0)
-    expected = [(INFO, "Reached waypoint #2"), (INFO, "Reached waypoint #3"), (NOTICE, "Mission Complete")]
+    expected = [(INFO, "Reached waypoint #2"), (INFO, "Mission: 3 WP"), (INFO, "Reached waypoint #3")]
+    expected += [(NOTICE, "Mission Complete")]
     assert told(p) == expected
     assert p.ask(REQUEST, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT) == ACCEPTED
     assert p.last("MISSION_CURRENT").mission_state == mavlink.MISSION_STATE_COMPLETE

@@ -362,7 +362,7 @@ def test_it_drives_a_mission_and_holds_at_its_end() -> None:
     assert p.ask(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
     p.heard.clear()
     p.until(40.0)
-    assert [m.seq for m in p.heard if m.get_type() == "MISSION_ITEM_REACHED"] == [2, 3]
+    assert [m.seq for m in p.heard if m.get_type() == "MISSION_ITEM_REACHED"] == [1, 2, 3]
     assert math.dist(p.place[:2], (20.0, 20.0)) < 2.0
     assert p.m.mode == 10
     assert p.ask(RTL) == ACCEPTED

@@ -30,6 +30,7 @@ from cosim.messages import (
     MAV_MISSION_TYPE_MISSION,
     MAV_MISSION_TYPE_RALLY,
     MAV_MISSION_UNSUPPORTED,
+    MAV_SEVERITY_INFO,
     MAV_SEVERITY_WARNING,
     MAV_TYPE_QUADROTOR,
     MISSION_ACK,
@@ -63,7 +64,7 @@ from cosim_models.autopilot.gcs.record import MAX_MISSION
 from cosim_models.autopilot.gcs.sending import can_answer, send
 from cosim_models.autopilot.gcs.streams import put_mission_current
 from cosim_models.autopilot.gcs.targets import is_place, locate
-from cosim_models.autopilot.gcs.words import USE_INT, say
+from cosim_models.autopilot.gcs.words import PLAN_RECEIVED, USE_INT, say
 
 __all__ = [
     "COMMAND",
@@ -218,6 +219,7 @@ def set_current(m: Any, sequence: float) -> bool:
         return False
     m.mission_current = int(sequence)
     m.item_since = -1.0
+    m.item_told = 0
     return True
 
 
@@ -267,6 +269,8 @@ def _upload(flown: Sequence[int]) -> Callable[[Any, int, int, int, float], None]
         if m.upload_next == m.upload_count:
             m.uploading = False
             m.mission_count = max(m.mission_count, m.upload_count)
+            m.item_told = 0
+            say(m, MAV_SEVERITY_INFO, PLAN_RECEIVED, 0)
             _acknowledge(m, MAV_MISSION_ACCEPTED, 0, sender, part)
         else:
             _ask_for_next(m, t)

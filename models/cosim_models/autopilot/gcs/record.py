@@ -164,6 +164,8 @@ _MEMORY = (
 
 MISSION: tuple[Variable, ...] = (
     Memory("item_since"),  # s, arrival at the current item; -1: not there
+    Memory("item_told", dtype="i4"),  # that it has begun; 0: none
+    Memory("item_reached", dtype="i4", rare=True),  # and is to be told; 0: none
     Memory("uploading", dtype="?"),
     Memory("upload_count", dtype="i4", rare=True),
     Memory("upload_next", dtype="i4", rare=True),

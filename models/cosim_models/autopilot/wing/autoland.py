@@ -66,7 +66,10 @@ _AHEAD = math.radians(10.0)
 _ON_LINE = 5.0  # m
 _EARLY, _HALF = 0.15, 0.5  # of the final
 _FLARE_SHARE = 0.5  # of the sink rate in the flare that it takes away: LAND_FLARE_EFF
-_FLARE_RATE, _FLARE_GAIN = 0.5, 1.0  # 1/s, of the height in the flare; of the error of the path
+_HOLD_OFF = 1.0  # m above the ground, where it sinks with TECS_LAND_SINK: TECS_FLARE_HGT
+_FLARE_HEIGHT, _FLARE_GAIN = 0.5, 1.0  # 1/s, of the error of the height in the flare; of the error of the path
+_SLEW = 1.0  # of the throttle [1/s]: THR_SLEWRATE
+_MOVES, _DOUBT = 1.5, 3.0  # m/s, from which on it flies; s after which it counts as standing
 
 AUTOLAND_PARAMETERS = (
     real("AUTOLAND_WP_ALT", "m", 55.0, "height above home at which the final of AUTOLAND begins"),
@@ -104,6 +107,7 @@ AUTOLAND_MEMORY = (
     Memory("landing_turned", rare=True),  # rad, on the circle since the height is there; -1: it is not there yet
     Memory("landing_point", shape=3, rare=True),  # m, NED
     Memory("final", shape=2, rare=True),  # m: its length, and how high above that point it begins
+    Memory("flare", shape=3, rare=True),  # m, m/s, m: height and sink at its beginning, height that is wanted now
     Memory("stands_since", rare=True),  # s
 )
 
@@ -263,6 +267,7 @@ def _descend(m: Any, h: float) -> None:
     if (m.landing_stage == _APPROACH and low) or done >= 1.0:
         m.landing_stage = _FLARE
         m.ground_down = min(m.ground_down, ground)
+        m.flare[0], m.flare[1], m.flare[2] = above, falls, above
         say_figures(m, MAV_SEVERITY_INFO, FLARES, (above, falls, _speed(m), _target_distance(m)))
 
 
@@ -271,11 +276,18 @@ def _flare(m: Any, h: float) -> None:
     """Lets it settle with the throttle closed."""
     most = math.radians(m.LEVEL_ROLL_LIMIT)
     _, nose = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
-    speed = max(_speed(m), 5.0)
+    speed, above, begun = max(_speed(m), 5.0), float(m.landing_point[2] - m.position[2]), float(m.flare[0])
+    settled, level = 1.0, 1.0
+    if begun > _HOLD_OFF:
+        settled = clip((begun - above) / (begun - _HOLD_OFF), 0.0, 1.0)
+        level = clip((begun - above) / begun, 0.0, 1.0)
+    sink = float(m.flare[1]) * (1.0 - settled) + float(m.TECS_LAND_SINK) * settled
+    m.flare[2] = max(m.flare[2] - sink * h, 0.0)
     path = -m.velocity[2] / speed
-    wanted = -max(float(m.TECS_LAND_SINK), _FLARE_RATE * float(m.landing_point[2] - m.position[2])) / speed
-    pitch = clip(nose - path + wanted + _FLARE_GAIN * (wanted - path), 0.0, math.radians(m.PTCH_LIM_MAX_DEG))
-    servos(m, clip(line_bank(m), -most, most), pitch, 0.0, h)
+    wanted = (_FLARE_HEIGHT * (m.flare[2] - above) - sink) / speed
+    least = (1.0 - level) * math.radians(m.PTCH_LIM_MIN_DEG)
+    pitch = clip(nose - path + wanted + _FLARE_GAIN * (wanted - path), least, math.radians(m.PTCH_LIM_MAX_DEG))
+    servos(m, clip(line_bank(m), -most, most), pitch, max(m.motor[2] - _SLEW * h, 0.0), h)
 
 
 @kernel
@@ -315,8 +327,8 @@ def watch_autoland(m: Any, t: float) -> None:
             _note_direction(m, math.atan2(m.velocity[1], m.velocity[0]) + math.radians(m.AUTOLAND_DIR_OFF))
     elif m.mode != _AUTOLAND and not is_landing(m):
         m.landing_stage = _NONE
-    elif not m.on_ground:
-        m.stands_since = t
+    elif not m.on_ground or _speed(m) >= _MOVES:
+        m.stands_since = t + _DOUBT
     elif m.landing_stage >= _FLARE and m.LAND_DISARMDELAY > 0.0 and t - m.stands_since >= m.LAND_DISARMDELAY - 1e-9:
         m.armed = False
         m.landing_stage = _DISARMED

@@ -8,9 +8,9 @@ ground station, or, with FS_GCS_ENABL 2, of the radio's reports that the ground 
 remrssi). Modes on the rotors change to QLAND, QRTL or RTL (Q_OPTIONS) instead. Kernels over a record with
 `FAILSAFE_PARAMETERS` and `FAILSAFE_MEMORY` beside the variables of `gcs.record` and `wing.functions`.
 
-Differences from ArduPlane: there is no parachute. As in the
-ArduPlane of the recorded answers, FS_SHORT_TIMEOUT does not delay anything: it is how recently the ground station has
-to be heard for its fail-safe to end.
+There is no parachute; as by an ArduPlane without one, it is told as released. As in the ArduPlane of the recorded
+answers, FS_SHORT_TIMEOUT does not delay anything: it is how recently the ground station has to be heard for its
+fail-safe to end.
 
 Source: ArduPilot, ArduPlane/events.cpp, radio.cpp (control_failsafe), system.cpp (check_long_failsafe), Plane.h
 (urgency of the battery's actions), mode_takeoff.cpp; SITL (SIM_RC_FAIL, the throttle that drains the battery).
@@ -23,7 +23,7 @@ from typing import Any
 
 from cosim import Memory
 from cosim.kernel import kernel
-from cosim.messages import MAV_RESULT_ACCEPTED, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
+from cosim.messages import MAV_RESULT_ACCEPTED, MAV_SEVERITY_CRITICAL, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
 from cosim_models.autopilot.gcs.battery import (
     BATTERY_MEMORY,
     alarming,
@@ -36,11 +36,11 @@ from cosim_models.autopilot.gcs.record import real, whole
 from cosim_models.autopilot.gcs.sticks import THROTTLE, is_held, receiver_pulse
 from cosim_models.autopilot.gcs.words import (
     AFS_OFF,
-    CLEARED,
+    GCS_BACK,
     GCS_MODE,
     LONG_CLEARED,
     LONG_MODE,
-    NO_PARACHUTE,
+    PARACHUTE,
     RESTORED,
     SHORT_CLEARED,
     SHORT_MODE,
@@ -56,7 +56,6 @@ __all__ = ["FAILSAFE_MEMORY", "FAILSAFE_PARAMETERS", "drain_battery", "failsafes
 
 _PERIOD = 0.1  # s
 _NONE, _SHORT, _LONG, _GCS = range(4)  # m.failsafe_state
-_GCS_CLEARED = CLEARED + 1
 _NO_PULSES, _LOW_THROTTLE = 1, 2  # SIM_RC_FAIL
 _LOW_PULSE, _CLOSED = 950, 1000  # us
 _NO_RADIO, _COUNT = 1.0, 2  # s without pulses, and checks, after which the radio is lost
@@ -181,7 +180,7 @@ def _long_events(
     @kernel
     def act(m: Any, t: float) -> None:
         if m.FS_LONG_ACTN == _PARACHUTE:
-            say(m, MAV_SEVERITY_WARNING, NO_PARACHUTE, 0)
+            say(m, MAV_SEVERITY_CRITICAL, PARACHUTE, 0)
         elif m.FS_LONG_ACTN == _GLIDE:
             enter(m, _FBWA, t)
         elif m.FS_LONG_ACTN == _TO_AUTO:
@@ -229,7 +228,7 @@ def _battery_events(
             say(m, MAV_SEVERITY_INFO, AFS_OFF, 0)
             return
         if action == _RELEASE:
-            say(m, MAV_SEVERITY_WARNING, NO_PARACHUTE, 0)
+            say(m, MAV_SEVERITY_CRITICAL, PARACHUTE, 0)
             return
         if m.lifts and action in (_TO_QLAND, _LOITER_TO_QLAND):
             enter(m, _QLAND if action == _TO_QLAND else _LOITER_ALT_QLAND, t)
@@ -302,7 +301,7 @@ def failsafes(
             say(m, MAV_SEVERITY_WARNING, LONG_CLEARED, 0)
             m.failsafe_state = _NONE
         elif m.failsafe_state == _GCS and not station_is_lost(m, patience, t):
-            say(m, MAV_SEVERITY_WARNING, _GCS_CLEARED, 0)
+            say(m, MAV_SEVERITY_WARNING, GCS_BACK, 0)
             m.failsafe_state = _NONE
         elif m.long_pending and not m.taking_off:
             lose(m, m.failsafe_state, t)

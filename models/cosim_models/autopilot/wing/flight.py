@@ -18,7 +18,7 @@ from dataclasses import replace
 from typing import Any
 
 from cosim import Memory, Parameter, Variable
-from cosim.frames import wrap_pi, yaw_from_quaternion
+from cosim.frames import roll_pitch_from_quaternion, wrap_pi, yaw_from_quaternion
 from cosim.kernel import kernel
 from cosim.messages import MAV_RESULT_ACCEPTED, MAV_RESULT_DENIED, MAV_RESULT_FAILED, MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.record import angle, real
@@ -28,6 +28,7 @@ from cosim_models.autopilot.wing.attitude import ATTITUDE_MEMORY, ATTITUDE_PARAM
 from cosim_models.autopilot.wing.energy import ENERGY_MEMORY, ENERGY_PARAMETERS, clip, energy
 
 __all__ = [
+    "LAUNCH_DISTANCE",
     "WING_MEMORY",
     "bank_for",
     "change_speed",
@@ -41,11 +42,13 @@ __all__ = [
     "wing_parameters",
 ]
 
+LAUNCH_DISTANCE = 200.0
+"""Distance [m] from the beginning of a take-off to the place that is circled after it: TKOFF_DIST of ArduPlane."""
 _GRAVITY = 9.80665
 _GENTLE = math.radians(25.0)  # bank that is always permitted
 _STEEPEST = math.radians(85.0)
 _FASTEST = 1000.0  # m/s, of a speed that may be asked for
-_ROTATION = 0.7  # share of AIRSPEED_CRUISE at which it raises its nose
+_ROTATION = 5.0  # m/s, at which it steers and raises its nose
 
 _PARAMETERS = (
     real("AIRSPEED_CRUISE", "m/s", 22.0, "speed of flight", 1.0),
@@ -98,10 +101,13 @@ def wing_parameters(**start: float) -> tuple[Variable, ...]:
 
 @kernel
 def launch(m: Any, down: float) -> None:
-    """Begins the take-off along the present heading, up to a down coordinate."""
-    go_to(m, m.position[0], m.position[1], down)
-    m.taking_off = True
+    """Begins the take-off along the present heading, in the air the course, up to a down coordinate."""
     m.runway = yaw_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+    if not m.on_ground:
+        m.runway = math.atan2(m.velocity[1], m.velocity[0])
+    ahead, right = math.cos(m.runway), math.sin(m.runway)
+    go_to(m, m.position[0] + LAUNCH_DISTANCE * ahead, m.position[1] + LAUNCH_DISTANCE * right, down)
+    m.taking_off = True
 
 
 @kernel
@@ -205,11 +211,14 @@ def fly_lifted(m: Any, bank: float, down: float, speed: float, h: float) -> tupl
 
 @kernel
 def take_off(m: Any, h: float) -> None:
-    """Accelerates along the runway, rotates and climbs straight ahead up to the target's height."""
+    """Accelerates along the runway, rotates and climbs straight ahead, nearly up to the target's height."""
     speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
-    m.rotated = m.rotated or speed > _ROTATION * m.AIRSPEED_CRUISE
+    m.rotated = m.rotated or speed > _ROTATION
     bank = bank_for(m, m.runway, 0.0) if m.rotated else 0.0
     pitch = math.radians(m.TKOFF_LVL_PITCH) if m.rotated else 0.0
+    if m.mission_active and m.rotated:  # climbs within TECS_CLMB_MAX
+        _, nose = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+        pitch = min(pitch, nose + (m.velocity[2] + m.TECS_CLMB_MAX) / max(speed, _ROTATION))
     servos(m, clip(bank, -0.3, 0.3), pitch, 0.01 * m.TKOFF_THR_MAX, h)
     if m.position[2] <= m.guided_position[2] + 0.5 * m.TECS_CLMB_MAX:
         m.taking_off = False

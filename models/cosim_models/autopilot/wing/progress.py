@@ -1,6 +1,7 @@
-"""Texts by which quadplanes tell how far a return, a landing and a launch have come, as ArduPlane tells them.
+"""Texts by which planes and quadplanes tell how far a return, a landing and a launch have come, as ArduPlane does.
 
-Kernels over the record of `QuadplaneAutopilot`.
+Returns and vertical landings are those of `QuadplaneAutopilot`. Kernels over its record; for launches, that of
+`PlaneAutopilot` with `LAUNCH_MEMORY` is enough.
 
 Source: ArduPilot, ArduPlane/quadplane.cpp (poscontrol_init_approach, vtol_position_controller, verify_vtol_land),
 mode_qrtl.cpp, mode_takeoff.cpp, takeoff.cpp (auto_takeoff_check).
@@ -23,6 +24,8 @@ from cosim_models.autopilot.gcs.words import (
     CLIMBING,
     DESCENDS,
     FINAL,
+    HOLDS_COURSE,
+    LEVELS_OFF,
     NEAR,
     NEAR_HOME,
     SLOWING,
@@ -32,9 +35,12 @@ from cosim_models.autopilot.gcs.words import (
     say,
     say_figures,
 )
+from cosim_models.autopilot.wing.flight import LAUNCH_DISTANCE
 
 __all__ = [
     "LAUNCH_DELAY",
+    "LAUNCH_MEMORY",
+    "LEVEL_OFF",
     "PROGRESS_MEMORY",
     "begin_launch",
     "tell_above",
@@ -49,18 +55,22 @@ __all__ = [
 
 LAUNCH_DELAY = 0.2
 """Time [s] from TAKEOFF to the propeller: TKOFF_THR_DELAY of ArduPlane."""
+LEVEL_OFF = 2.0
+"""Time [s] before its end at which a climb begins to level off: TKOFF_PLIM_SEC of ArduPlane."""
 _ON_WAY, _ABOVE, _DESCENDS, _FINAL = range(4)  # m.landing_stage
 _WAITS, _TRIGGERED, _TOLD = range(3)  # m.launch_stage
 _NEAR, _SLOW = 10.0, 9.0  # m and m/s, from which on it is above its place
 _FLYING, _ROLLING = 3.0, 5.0  # m/s
-_LAUNCH_DISTANCE = 200.0  # m, TKOFF_DIST
+_LEAST_HEIGHT = 10.0  # m, of the beginning of a level-off
+_SLEW = 1.0  # of the throttle [1/s]: THR_SLEWRATE
 
-PROGRESS_MEMORY = (
-    Memory("landing_stage", dtype="i4", rare=True),
+LAUNCH_MEMORY = (
     Memory("launch_stage", dtype="i4", rare=True),
     Memory("launched_at", rare=True),  # s
     Memory("launched_high", dtype="?", rare=True),  # in the air
+    Memory("levels_since", rare=True),  # s, since when the climb levels off; -1: it does not
 )
+PROGRESS_MEMORY = (Memory("landing_stage", dtype="i4", rare=True), *LAUNCH_MEMORY)
 
 
 @kernel
@@ -139,20 +149,40 @@ def tell_descent(m: Any) -> None:
 
 
 @kernel
-def begin_launch(m: Any) -> None:
-    m.launched_at, m.launch_stage, m.launched_high = -1.0, _WAITS, not m.on_ground
+def begin_launch(m: Any, told: bool) -> None:
+    """Begins a launch, of which nothing more is to be told if `told`."""
+    m.launched_at, m.launch_stage, m.launched_high = -1.0, _TOLD if told else _WAITS, not m.on_ground
+    m.levels_since = -1.0
 
 
 @kernel
-def tell_launch(m: Any, t: float) -> bool:
-    """Tells how far a launch by TAKEOFF has come; returns whether the propeller may turn."""
+def _tell_course(m: Any, speed: float) -> None:
+    course = math.degrees(heading(m)) % 360.0
+    if m.mission_active:
+        figures = float(math.floor(100.0 * course + 0.5) % 36000), speed, 0.0, 0.0
+        say_figures(m, MAV_SEVERITY_INFO, HOLDS_COURSE, figures)
+    else:
+        say_figures(m, MAV_SEVERITY_INFO, TAKES_OFF, (m.TKOFF_ALT, LAUNCH_DISTANCE, course, 0.0))
+
+
+@kernel
+def tell_launch(m: Any, t: float) -> float:
+    """Tells how far a launch by TAKEOFF or a mission has come; returns the greatest throttle."""
+    climb, left = float(-m.velocity[2]), float(m.position[2] - m.guided_position[2])
+    if m.levels_since < 0.0 and climb > 0.1 and 0.0 < left <= LEVEL_OFF * climb and _height(m) >= _LEAST_HEIGHT:
+        m.levels_since = t
+        say(m, MAV_SEVERITY_INFO, LEVELS_OFF, int(left))
     speed = _speed(m)
     if m.launched_at < 0.0:
+        if m.launch_stage == _TOLD:
+            return 1.0
+        if not m.told_armed:  # this comes first
+            return 0.0
         m.launched_at = t
         say_figures(m, MAV_SEVERITY_INFO, WAITS, (0.0, LAUNCH_DELAY, 0.0, 0.0))
     if m.launch_stage == _WAITS:
         if t - m.launched_at < LAUNCH_DELAY - 1e-9:
-            return False
+            return 0.0
         m.launch_stage = _TRIGGERED
         say_figures(m, MAV_SEVERITY_INFO, TRIGGERED, (speed, 0.0, 0.0, 0.0))
     if m.launch_stage == _TRIGGERED and speed > (_FLYING if m.launched_high else _ROLLING):
@@ -160,6 +190,5 @@ def tell_launch(m: Any, t: float) -> bool:
         if m.launched_high:
             say(m, MAV_SEVERITY_INFO, CLIMBING, 0)
         else:
-            course = math.degrees(heading(m)) % 360.0
-            say_figures(m, MAV_SEVERITY_INFO, TAKES_OFF, (m.TKOFF_ALT, _LAUNCH_DISTANCE, course, 0.0))
-    return True
+            _tell_course(m, speed)
+    return 1.0 if m.launched_high else min(_SLEW * (t - m.launched_at - LAUNCH_DELAY), 1.0)

@@ -32,7 +32,8 @@ from cosim.messages import (
     MAV_SEVERITY_NOTICE,
     MAV_SEVERITY_WARNING,
 )
-from cosim_models.autopilot.gcs.missions import COMMAND, LATITUDE, LONGITUDE, item_place, set_current
+from cosim_models.autopilot.gcs.items import tell_row
+from cosim_models.autopilot.gcs.missions import COMMAND, LATITUDE, LONGITUDE, item_place, set_current, tell_reached
 from cosim_models.autopilot.gcs.record import whole
 from cosim_models.autopilot.gcs.words import (
     LANDS_FROM_POINT,
@@ -115,6 +116,13 @@ def jump_to_landing(m: Any) -> bool:
         say(m, MAV_SEVERITY_WARNING, NO_LANDING, 0)
         return False
     m.mission_done = False
+    row = m.mission_current
+    tell_row(m, row)
+    if row + 1 < m.mission_count:
+        tell_row(m, row + 1)
+        if m.mission_active:
+            m.mission_current, m.item_told, m.item_reached = row + 1, row + 1, 0
+            tell_reached(m, row)
     say(m, MAV_SEVERITY_INFO, SEQUENCE_STARTS, 0)
     return True
 
