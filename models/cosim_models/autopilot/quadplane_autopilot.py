@@ -194,6 +194,7 @@ _UNASSISTED = (_MANUAL, _TRAINING, _ACRO)  # the rotors stop
 _FREE = (*_BY_HAND, _QSTABILIZE, _QACRO)  # need no position
 _ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of them it is in the air
+_SPOOL = 0.7  # s from a take-off to the climb
 _CLIMBED = 0.5  # m below the end of a vertical take-off
 _LANDED_SPEED, _LANDED_TIME = (
     0.1,
@@ -261,6 +262,7 @@ VARIABLES = pilot_variables(
         *ARMING_MEMORY,
         *FUNCTION_MEMORY,
         *WIND_MEMORY,
+        Memory("rises_at", rare=True),  # s, when the rotors of a take-off climb
         Memory("circle_told", dtype="?", rare=True),  # that the circle of GUIDED is reached
         Memory("vtol_mode", dtype="?"),  # of waypoints, by DO_VTOL_TRANSITION
         Memory("still_since"),  # s: since when a descent does not move it; -1: it does
@@ -354,8 +356,9 @@ _use_switch, _watch_switches = switches(VARIABLES, "FLTMODE", MODE_FUNCTIONS, Tr
 
 
 @kernel
-def _rise(m: Any, down: float) -> None:
+def _rise(m: Any, down: float, t: float) -> None:
     """Begins a vertical take-off, up to a down coordinate."""
+    m.rises_at = t + _SPOOL if m.on_ground else t
     go_to(m, m.position[0], m.position[1], down)
     note_target(m)
     m.guided_kind = HOLD
@@ -383,7 +386,7 @@ def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) ->
             return MAV_RESULT_FAILED
         if not p7 > 0.0:
             return MAV_RESULT_FAILED
-        _rise(m, m.position[2] - p7)
+        _rise(m, m.position[2] - p7, t)
         say_figures(m, MAV_SEVERITY_INFO, NEAR, (0.0, 0.0, 0.0, 0.0))
         return MAV_RESULT_ACCEPTED
     if command == MAV_CMD_DO_VTOL_TRANSITION:
@@ -423,6 +426,12 @@ _receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, height_targe
 
 
 @kernel
+def _rest(m: Any) -> None:
+    rest(m)
+    no_lift(m)
+
+
+@kernel
 def _land(m: Any, n: float, e: float, t: float, h: float) -> None:
     """Descends at a place, and disarms on the ground."""
     m.vtol = True
@@ -441,8 +450,11 @@ def _land(m: Any, n: float, e: float, t: float, h: float) -> None:
 
 
 @kernel
-def _vertical(m: Any, h: float) -> None:
-    """Climbs to the height of the target, and ends the take-off there."""
+def _vertical(m: Any, t: float, h: float) -> None:
+    """Climbs to the height of the target when the rotors run, and ends the take-off there."""
+    if t < m.rises_at:
+        _rest(m)
+        return
     hover(m, m.guided_position[0], m.guided_position[1], m.guided_position[2], h)
     if m.position[2] <= m.guided_position[2] + _CLIMBED:
         m.taking_off = False
@@ -467,9 +479,9 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     if command in (MAV_CMD_NAV_TAKEOFF, MAV_CMD_NAV_VTOL_TAKEOFF):
         _, _, d = item_place(m, row)
         if m.on_ground and not m.taking_off:
-            _rise(m, d)
+            _rise(m, d, t)
         if m.taking_off:
-            _vertical(m, h)
+            _vertical(m, t, h)
         if not m.taking_off:
             complete_item(m)
         return
@@ -514,7 +526,7 @@ def _guide(m: Any, t: float, h: float) -> None:
     """Flies in GUIDED."""
     n, e, d = m.guided_position[0], m.guided_position[1], m.guided_position[2]
     if m.taking_off:
-        _vertical(m, h)
+        _vertical(m, t, h)
     elif m.Q_GUIDED_MODE != 0:
         travel(m, n, e, d, t, h)
     elif m.vtol and m.guided_kind == HOLD:
@@ -590,12 +602,6 @@ def _act(m: Any, t: float, h: float) -> None:
 
 
 # ---- the model -----------------------------------------------------------------------------------------------------
-
-
-@kernel
-def _rest(m: Any) -> None:
-    rest(m)
-    no_lift(m)
 
 
 @kernel

@@ -61,6 +61,7 @@ _SLOWER = 2.0  # m/s below AIRSPEED_MIN
 _ASTRAY = math.cos(math.radians(60.0))
 _CROOKED = math.radians(10.0)  # error of bank or pitch with which the rotors take over
 _NOSE = math.radians(60.0)
+_SLOWS_FROM, _SLOWS_TO = 60.0, 20.0  # s before it stops, of an approach with the speed at which this counts
 _PLACE = 10.0  # m, within which its nose may point anywhere
 _TWICE = 2.0  # of Q_WP_SPEED, which it may fly on the rotors until it has once been slower than Q_WP_SPEED
 
@@ -204,11 +205,20 @@ def _arrive(m: Any, n: float, e: float, distance: float, speed: float) -> None:
 
 
 @kernel
+def _approach_speed(m: Any, distance: float) -> float:
+    """Returns the speed [m/s] of the approach to a place: it sinks to half-way between cruise and AIRSPEED_MIN."""
+    cruise = cruise_speed(m)
+    slow = 0.5 * (cruise + float(m.AIRSPEED_MIN))
+    left = (distance - 0.5 * slow * slow / m.Q_TRANS_DECEL) / max(slow, 5.0)
+    return slow + (cruise - slow) * clip((left - _SLOWS_TO) / (_SLOWS_FROM - _SLOWS_TO), 0.0, 1.0)
+
+
+@kernel
 def _brake(m: Any, bank: float, d: float, h: float) -> None:
     """Flies on the wing with the rotors running."""
     gentle = clip(bank, -_GENTLE, _GENTLE)
     turn = _GRAVITY * math.tan(gentle) / max(speed_of(m), m.AIRSPEED_MIN)
-    m.wanted_bank, m.wanted_pitch = fly_lifted(m, gentle, d, cruise_speed(m), h)
+    m.wanted_bank, m.wanted_pitch = fly_lifted(m, gentle, d, float(m.AIRSPEED_MIN), h)
     lift_along(m, gentle, m.wanted_pitch, turn, d, h)
 
 
@@ -247,7 +257,7 @@ def travel(m: Any, n: float, e: float, d: float, t: float, h: float) -> bool:
     if m.braking:
         _brake(m, course, d, h)
     else:
-        on_wing(m, course, d, cruise_speed(m), t, h)
+        on_wing(m, course, d, _approach_speed(m, distance), t, h)
     return False
 
 
