@@ -515,8 +515,10 @@ def _carry_out(m: Any, t: float, h: float) -> None:
 @kernel
 def _land_at(m: Any, n: float, e: float, t: float, h: float) -> None:
     """Flies to a place at the height at which it is now, and lands there."""
-    if m.guided_position[0] != n or m.guided_position[1] != e:
+    if m.item_since < 0.0:
+        m.item_since = t
         go_to(m, n, e, min(m.position[2], m.home[2] - m.Q_RTL_ALT))
+        forget_target(m)
     if m.descending or travel(m, n, e, m.guided_position[2], t, h):
         _land(m, n, e, t, h)
 

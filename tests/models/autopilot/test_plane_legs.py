@@ -14,9 +14,11 @@ from tests.models.autopilot.test_plane_landing import AUTO, LAND, LAND_START, TA
 from tests.models.autopilot.test_plane_pilot import high
 from tests.models.autopilot.test_rover_failsafes import INFO, texts
 from tests.models.autopilot.test_small_autopilots import ARM, SET_MODE, WAYPOINT, made, started, upload
+from tests.models.autopilot.test_small_switches import flying
 from tests.models.copter import preset
 from tests.models.pair import ACCEPTED, degrees_of
 
+VTOL_LAND = mavlink.MAV_CMD_NAV_VTOL_LAND
 SIMULATED = {
     "AIRSPEED_CRUISE": 22.0,
     "AIRSPEED_MIN": 10.0,
@@ -184,3 +186,34 @@ def test_rovers_tell_their_items_too() -> None:
         "Reached waypoint #2. Loiter for 2 seconds",
         "Mission Complete",
     ]
+
+
+def test_quadplanes_land_as_arduplane_after_an_approach() -> None:
+    """Heard from ArduPlane: "VTOL approach d=299.6" in a mission, "VTOL airbrake v=20.0 d=139 sd=140" in QRTL."""
+    p = flying("quadplane", AIRSPEED_CRUISE=25.0, AIRSPEED_MIN=13.0, AIRSPEED_MAX=35.0, Q_TRANS_DECEL=2.0)
+    items = [item(WAYPOINT, 0.0, 400.0, 40.0), item(WAYPOINT, -100.0, 300.0, 40.0), item(VTOL_LAND, 0.0, 0.0)]
+    assert upload(p, items) == mavlink.MAV_MISSION_ACCEPTED
+    assert p.ask(SET_MODE, 1, AUTO) == ACCEPTED
+    p.until(p.time + 70.0)
+    found = [text for _, text in texts(p) if text.startswith("VTOL")]
+    assert [worded(text) for text in found[:2]] == ["VTOL approach d=#", "VTOL airbrake v=# d=# sd=# h=#"]
+    speed, distance, stop, _ = (float(one) for one in re.findall(r"=(\d+\.?\d*)", found[1]))
+    assert speed == pytest.approx(20.0, abs=1.0)
+    assert distance == pytest.approx(139.0, abs=10.0) and stop == pytest.approx(140.0, abs=10.0)
+
+
+def test_a_vertical_take_off_is_as_high_as_that_of_arduplane() -> None:
+    p = made("quadplane")
+    p.until(2.5)
+    assert p.ask(SET_MODE, 1, 15) == ACCEPTED
+    assert p.ask(ARM, 1) == ACCEPTED
+    p.until(p.time + 0.5)
+    begun = p.time
+    assert p.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 20.0) == ACCEPTED
+    at: dict[float, float] = {}
+    while p.time < begun + 12.0:
+        p.one_step()
+        for height in (10.0, 19.0):
+            if -p.place[2] > height:
+                at.setdefault(height, p.time - begun)
+    assert (at[10.0], at[19.0]) == pytest.approx((5.2, 8.8), rel=0.05)
