@@ -156,8 +156,8 @@ def test_a_reset_takes_the_alarm_back(kind: str) -> None:
         ({"BATT_LOW_MAH": 3301.0}, ["Battery 1 low capacity failsafe"]),
         ({"BATT_LOW_VOLT": 0.0, "BATT_CRT_VOLT": 12.7}, ["Battery 1 critical voltage failsafe"]),
         ({"BATT_CRT_MAH": 3301.0}, ["Battery 1 critical capacity failsafe"]),
-        ({"BATT_LOW_MAH": 10.0, "BATT_CRT_MAH": 20.0}, ["Battery 1 capacity failsafe critical > low"]),
-        ({"BATT_LOW_VOLT": 9.0, "BATT_CRT_VOLT": 9.5}, ["Battery 1 voltage failsafe critical > low"]),
+        ({"BATT_LOW_MAH": 10.0, "BATT_CRT_MAH": 20.0}, ["Battery 1 capacity failsafe critical >= low"]),
+        ({"BATT_LOW_VOLT": 9.0, "BATT_CRT_VOLT": 9.5}, ["Battery 1 voltage failsafe critical >= low"]),
         ({"FS_LONG_TIMEOUT": 1.0}, ["FS_LONG_TIMEOUT < FS_SHORT_TIMEOUT"]),
         (
             {"FS_LONG_TIMEOUT": 1.0, "BATT_ARM_VOLT": 12.7},

@@ -288,6 +288,18 @@ def test_without_a_radio_from_the_start_it_is_not_armed(kind: str) -> None:
     assert p.ask(ARM, 1) == ACCEPTED
 
 
+def test_with_a_radio_that_is_lost_it_is_not_armed() -> None:
+    p = made("plane")
+    p.until(3.0)
+    p.m.SIM_RC_FAIL = 1
+    assert said(p, 2.0) == [LOST, short(CIRCLE)]
+    assert p.ask(ARM, 1) == FAILED
+    assert texts(p)[0] == (CRITICAL, "Arm: Radio failsafe on")
+    p.m.SIM_RC_FAIL = 0
+    assert said(p, 1.0)[0] == BACK
+    assert p.ask(ARM, 1) == ACCEPTED
+
+
 def test_overrides_stand_in_for_a_silent_receiver() -> None:
     p = with_values(high(FBWA), RC_OVERRIDE_TIME=1.0, FS_LONG_TIMEOUT=30.0)
     assert held(p, 1400, 0.5) == []

@@ -127,8 +127,8 @@ def test_a_reset_takes_the_alarm_back() -> None:
         ({"BATT_LOW_MAH": 3301.0}, "low capacity failsafe"),
         ({"BATT_LOW_VOLT": 0.0, "BATT_CRT_VOLT": 12.7}, "critical voltage failsafe"),
         ({"BATT_CRT_MAH": 3301.0}, "critical capacity failsafe"),
-        ({"BATT_LOW_MAH": 10.0, "BATT_CRT_MAH": 20.0}, "capacity failsafe critical > low"),
-        ({"BATT_LOW_VOLT": 9.0, "BATT_CRT_VOLT": 9.5}, "voltage failsafe critical > low"),
+        ({"BATT_LOW_MAH": 10.0, "BATT_CRT_MAH": 20.0}, "capacity failsafe critical >= low"),
+        ({"BATT_LOW_VOLT": 9.0, "BATT_CRT_VOLT": 9.5}, "voltage failsafe critical >= low"),
     ],
 )
 def test_what_arming_needs(values: dict[str, float], text: str) -> None:

@@ -158,9 +158,9 @@ def battery_permits_arming(m: Any) -> bool:
         failed = 4
     elif _charge_below(m, m.BATT_CRT_MAH):
         failed = 5
-    elif m.BATT_CRT_MAH > m.BATT_LOW_MAH > 0.0:
+    elif m.BATT_CRT_MAH >= m.BATT_LOW_MAH > 0.0:
         failed = 6
-    elif critical > low > 0.0:
+    elif critical >= low > 0.0:
         failed = 7
     if failed >= 0:
         say(m, MAV_SEVERITY_CRITICAL, ARM_BATTERY + failed, 0)

@@ -52,6 +52,7 @@ from cosim_models.autopilot.gcs.words import (
     ARM_PITCH_MAX,
     ARM_PITCH_MIN,
     ARM_RADIO,
+    ARM_RADIO_LOST,
     ARM_ROLL,
     ARM_SPIN,
     ARM_STOPPED,
@@ -211,6 +212,8 @@ def checking(
     def check_all_firmwares(m: Any, t: float) -> bool:
         passes = _position(m, t)
         passes = battery_permits_arming(m) and passes
+        if m.radio_lost:
+            passes = _fail(m, ARM_RADIO_LOST, 0.0)
         if m.mode == _AUTO and m.mission_count <= 1:
             passes = _fail(m, ARM_MISSION, 0.0)
         passes = missions(m) and passes
