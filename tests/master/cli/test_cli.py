@@ -155,6 +155,21 @@ def test_bad_usage_has_exit_code_2(
     assert probes.calls == []
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("check", "probe.fmu", "--tolerance", "0.1"), "error: --tolerance belongs to --reference, which is not given"),
+        (("check", "probe.fmu", "--reference", "r.csv", "--tolerance", "-1"), "Invalid value for '--tolerance'"),
+        (("report", "results", "-o", "a/r.txt"), "error: -o a/r.txt: a report is an HTML page; name it a/r.html"),
+    ],
+)
+def test_options_that_do_not_fit(run: Any, words: tuple[str, ...], message: str) -> None:
+    code, stdout, stderr = run(*words)
+    assert code == 2
+    assert message in stderr
+    assert stdout == ""
+
+
 @pytest.mark.parametrize("command", ["run", "check", "info"])
 def test_a_missing_system(run: Any, command: str) -> None:
     code, _, stderr = run(command, "nowhere.ssd")

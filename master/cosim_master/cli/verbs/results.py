@@ -206,6 +206,8 @@ def report(
 ) -> None:
     """Write a report on a run or a campaign, or a comparison of several runs: one HTML page with figures and tables."""
     with errors(as_json=as_json), activity() as doing:
+        if file is not None and file.suffix.lower() not in (".html", ".htm"):
+            raise usage(f"-o {file}: a report is an HTML page; name it {file.with_suffix('.html')}")
         doing.stage(f"reading {', '.join(map(str, runs[:3]))}")
         from cosim_master.campaigns.dataset.folder import is_campaign
 

@@ -29,6 +29,8 @@ from cosim_master.diagnostics.errors import counted
 
 BROUGHT_ALONG = "brought along"
 """The value of --reference without a file."""
+TOLERANCE = 1e-3
+"""The value of --tolerance where it is not given."""
 
 if TYPE_CHECKING:
     from cosim_master.execution.preparation.prepare import Prepared
@@ -49,7 +51,12 @@ _Reference = Annotated[
     ),
 ]
 _Tolerance = Annotated[
-    float, typer.Option(help="Of --reference: allowed difference, in parts of the largest value of a column.")
+    float | None,
+    typer.Option(
+        min=0.0,
+        help="Of --reference: allowed difference, in parts of the largest value of a column.",
+        show_default=f"{TOLERANCE:g}",
+    ),
 ]
 
 
@@ -67,7 +74,7 @@ def check(
     init: _Init = False,
     strict: Strict = False,
     reference: _Reference = None,
-    tolerance: _Tolerance = 1e-3,
+    tolerance: _Tolerance = None,
     partitions: Partitions = None,
     partition_file: PartitionFile = None,
     as_json: Json = False,
@@ -88,13 +95,20 @@ def check(
             raise usage(f"--reference: {system} is not an FMU")
         if partition_file is not None and partitions is None:
             raise usage("--partition-file belongs to --partitions, which is not given")
+        if tolerance is not None and reference is None:
+            raise usage("--tolerance belongs to --reference, which is not given")
         if reference is not None:
             from cosim_master.execution.reference_results import against_reference
 
             doing.stage(f"running {system}")
             file = None if reference == BROUGHT_ALONG else Path(reference)
             verdict = against_reference(
-                Path(system), file, tolerance=tolerance, until=until, step=step, overrides=overrides(settings)
+                Path(system),
+                file,
+                tolerance=TOLERANCE if tolerance is None else tolerance,
+                until=until,
+                step=step,
+                overrides=overrides(settings),
             )
             doing.end()
             _report_reference(verdict, as_json=as_json)
