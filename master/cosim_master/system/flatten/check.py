@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from cosim_master.diagnostics.errors import Finding, Problem, SystemDescriptionError
@@ -194,7 +195,8 @@ class _Check:
                         links.append(
                             FlatConnection(source, ends[1], route.factor, route.offset, False, other.where, term=number)
                         )
-        return tuple(sorted(links, key=lambda link: (natural(link.target[0]), natural(link.target[1]))))
+        order = cache(natural)
+        return tuple(sorted(links, key=lambda link: (order(link.target[0]), order(link.target[1]))))
 
     def _aliases(self, root: Part, wiring: Wiring) -> tuple[Alias, ...]:
         aliases = []

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TypeVar
 
 from cosim_master.fmi.description.read import FmuDescription
@@ -71,11 +72,19 @@ def _graph(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription]) -> tuple[
     """Returns edges from each node to the nodes that depend on it, and the outputs whose dependencies are assumed."""
     edges: dict[_Node, list[_Node]] = {}
     assumed: set[_Node] = set()
+    linked: dict[str, set[str]] = {}
     for source, target in links:
         edges.setdefault(("out", *source), []).append(("in", *target))
         hub: _Node = ("all", target[0], "")
         edges.setdefault(("in", *target), []).append(hub)
         edges.setdefault(hub, [])
+        linked.setdefault(target[0], set()).add(target[1])
+    inputs = {instance: frozenset(names) for instance, names in linked.items()}
+
+    @cache  # an output depends on a hundred parameters, which no link sets, in each of a thousand drones
+    def linked_ones(needed: tuple[str, ...], names: frozenset[str]) -> tuple[str, ...]:
+        return tuple(name for name in needed if name in names)
+
     for instance, variable in dict.fromkeys(source for source, _ in links):
         fmu, output = fmus[instance], ("out", instance, variable)
         if variable in fmu.initial_unknowns:
@@ -87,9 +96,8 @@ def _graph(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription]) -> tuple[
             assumed.add(output)
         if needed is None:
             edges.setdefault(("all", instance, ""), []).append(output)
-        for name in needed or ():
-            if ("in", instance, name) in edges:
-                edges[("in", instance, name)].append(output)
+        for name in linked_ones(needed or (), inputs.get(instance, frozenset())):
+            edges[("in", instance, name)].append(output)
     return edges, assumed
 
 

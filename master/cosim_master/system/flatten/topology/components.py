@@ -7,7 +7,7 @@ problem. Array connectors of systems become one port per element. Connections ar
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, cast
@@ -162,6 +162,8 @@ class _Assembly:
         self.sized = sized
         self.problems = problems
         self.notes = notes
+        self._alike: dict[tuple[int, int], tuple[Connector, tuple[Any, ...]]] = {}
+        """(id of a connector, id of an FMU) -> the connector, and the fields of its port after the part."""
 
     def part(self, element: Element, parent: Part | None) -> Part:
         if parent is None:
@@ -318,6 +320,12 @@ class _Assembly:
         self._ports(part, inner, port)
 
     def _fmu_port(self, part: Part, connector: Connector) -> None:
+        """Adds a connector of an FMU; without findings, it is the same for all parts that use its file."""
+        key = id(connector), id(part.fmu)
+        if key in self._alike:
+            part.ports[connector.name] = Port(part, *self._alike[key][1])
+            return
+        findings = len(self.problems), len(self.notes)
         variable = None if part.fmu is None else part.fmu.variables.get(connector.name)
         if part.fmu is not None and connector.name in part.fmu.shapes:
             self._fmu_array(part, connector, part.fmu)
@@ -350,7 +358,7 @@ class _Assembly:
         self._same_unit(connector, variable.unit, f"in {part.fmu.path.name}")
         if connector.type == "Enumeration" and variable.type == "Enumeration":
             self._same_items(connector, variable, part.fmu)
-        part.ports[connector.name] = Port(
+        port = Port(
             part,
             connector.name,
             kind,
@@ -362,6 +370,9 @@ class _Assembly:
             mime_type=connector.mime_type or variable.mime_type,
             interval_variability=variable.clock.kind if variable.clock is not None else None,
         )
+        part.ports[connector.name] = port
+        if findings == (len(self.problems), len(self.notes)):
+            self._alike[key] = connector, tuple(getattr(port, one.name) for one in fields(Port))[1:]
 
     def _fmu_array(self, part: Part, connector: Connector, fmu: FmuDescription) -> None:
         """Returns an array of FMI 3 as one connector, with one port per element."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 
 from cosim_master.diagnostics.errors import Finding, Problem, Where
 from cosim_master.diagnostics.limitations import DIRECTION, NARROWING
@@ -90,6 +91,11 @@ def _packets(route: Route, target: Port) -> bool:
     return both and route.source is not None and all(v is None or v.packet_capacity is not None for v in ends)
 
 
+@cache
+def _is_allowed(owner: str, kinds: tuple[str, ...], to_owner: str, to_kinds: tuple[str, ...]) -> bool:
+    return any((owner, kind, to_owner, to_kind) in _ALLOWED for kind in kinds for to_kind in to_kinds)
+
+
 class Wiring:
     """The connections of a system by the flow of values: the source and the targets of each port.
 
@@ -160,14 +166,8 @@ class Wiring:
         kinds = [_KINDS if port.kind == "unspecified" else (port.kind,) for port in ports]
         kinds = [("output",) if port.ticks else kind for port, kind in zip(ports, kinds, strict=True)]
 
-        def allowed(source: int, target: int) -> bool:
-            return any(
-                (owners[source], kind, owners[target], to_kind) in _ALLOWED
-                for kind in kinds[source]
-                for to_kind in kinds[target]
-            )
-
-        forward, backward = allowed(0, 1), allowed(1, 0)
+        forward = _is_allowed(owners[0], kinds[0], owners[1], kinds[1])
+        backward = _is_allowed(owners[1], kinds[1], owners[0], kinds[0])
         if forward != backward:
             self._same_variability(connection, start, end)
             return (start, end) if forward else (end, start)
