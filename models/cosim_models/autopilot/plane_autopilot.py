@@ -93,6 +93,7 @@ from cosim_models.autopilot.wing.autoland import (
     watch_autoland,
 )
 from cosim_models.autopilot.wing.autotune import enable_tuning, end_tuning, start_tuning
+from cosim_models.autopilot.wing.circling import is_on_circle, leave_circle
 from cosim_models.autopilot.wing.failsafes import FAILSAFE_MEMORY, FAILSAFE_PARAMETERS, drain_battery, failsafes
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
@@ -158,7 +159,6 @@ _AUTOTUNE = int(PlaneMode.AUTOTUNE)
 _BY_HAND = (_MANUAL, _STABILIZE, _TRAINING, _ACRO, _FBWA, _AUTOTUNE)
 _KNOWN = tuple(map(int, PlaneMode))
 _LOITER_ALT = 15.0  # m above home, Q_RTL_ALT without rotors
-_ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 1.0, 5.0  # m above home and m/s: beyond them it is in the air
 _MODES = (*range(9), *range(10, 27))  # of ArduPlane
 _FLOWN = (
@@ -208,8 +208,7 @@ _hear_mission = mission_protocol(_FLOWN)
 @kernel
 def _is_there(m: Any) -> bool:
     """Returns whether it is on the circle around its target."""
-    dn, de = m.guided_position[0] - m.position[0], m.guided_position[1] - m.position[1]
-    return not m.on_ground and math.sqrt(dn * dn + de * de) < _ON_CIRCLE * m.WP_LOITER_RAD
+    return not m.on_ground and is_on_circle(m, m.guided_position[0], m.guided_position[1])
 
 
 @kernel
@@ -357,7 +356,7 @@ def _take_off_in_mission(m: Any, row: int, t: float, h: float) -> None:
     if m.taking_off:
         _launch(m, t, h)
     else:
-        fly(m, bank_for(m, m.runway, 0.0), d, cruise_speed(m), h)
+        fly(m, bank_for(m, m.runway), d, cruise_speed(m), h)
     if m.position[2] <= d or (m.levels_since >= 0.0 and t - m.levels_since > LEVEL_OFF):
         m.taking_off = False
         say_figures(m, MAV_SEVERITY_INFO, TAKEOFF_COMPLETE, (m.home[2] - m.position[2], 0.0, 0.0, 0.0))
@@ -398,7 +397,7 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     if m.item_since < 0.0:
         begin_leg(m, row, n, e, t)
     dn, de = n - m.position[0], e - m.position[1]
-    fly(m, bank_for(m, math.atan2(de, dn), 0.0), d, cruise_speed(m), h)
+    fly(m, bank_for(m, math.atan2(de, dn)), d, cruise_speed(m), h)
     if ends_leg(m, row, n, e):
         complete_item(m)
 
@@ -406,6 +405,7 @@ def _carry_out(m: Any, t: float, h: float) -> None:
 @kernel
 def _pilot(m: Any, t: float, h: float) -> None:
     """Flies as the pilot says, and CIRCLE."""
+    leave_circle(m)
     if m.mode in _BY_HAND:
         by_hand(m, t, h)
     elif m.on_ground:

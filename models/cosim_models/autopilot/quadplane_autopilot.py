@@ -91,6 +91,7 @@ from cosim_models.autopilot.gcs.words import (
 from cosim_models.autopilot.wing.arming import ARMING_MEMORY, checking, lifted_checks, lifted_missions
 from cosim_models.autopilot.wing.attitude import rest
 from cosim_models.autopilot.wing.autotune import enable_tuning, end_tuning, start_tuning
+from cosim_models.autopilot.wing.circling import is_on_circle, leave_circle
 from cosim_models.autopilot.wing.failsafes import FAILSAFE_MEMORY, FAILSAFE_PARAMETERS, drain_battery, failsafes
 from cosim_models.autopilot.wing.flight import (
     WING_MEMORY,
@@ -192,7 +193,6 @@ _PILOTED = (*_BY_HAND, _FBWB, _CRUISE, _QSTABILIZE, _QACRO)
 _BY_ROTORS = (_QSTABILIZE, _QHOVER, _QLOITER, _QACRO)
 _UNASSISTED = (_MANUAL, _TRAINING, _ACRO)  # the rotors stop
 _FREE = (*_BY_HAND, _QSTABILIZE, _QACRO)  # need no position
-_ON_CIRCLE = 1.1  # of WP_LOITER_RAD
 _FLYING_HEIGHT, _FLYING_SPEED = 0.5, 5.0  # m above home and m/s: beyond one of them it is in the air
 _SPOOL = 0.7  # s from a take-off to the climb
 _CLIMBED = 0.5  # m below the end of a vertical take-off
@@ -293,7 +293,8 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
         return MAV_RESULT_FAILED
     if mode == _LOITER_ALT_QLAND and (m.mode in _BY_ROTORS or m.mode in (_QLAND, _QRTL)):
         mode = _QLAND
-    there = distance_to(m, m.guided_position[0], m.guided_position[1]) < _ON_CIRCLE * m.WP_LOITER_RAD
+    n, e = m.guided_position[0], m.guided_position[1]
+    there = is_on_circle(m, n, e) or distance_to(m, n, e) < m.WP_LOITER_RAD  # it may hover
     if mode == _AVOID_ADSB and m.mode == _GUIDED and there and not m.on_ground:
         tell_reached(m, 0)
     if mode == _AUTO:
@@ -506,7 +507,7 @@ def _carry_out(m: Any, t: float, h: float) -> None:
         reached = distance_to(m, n, e) < THERE and speed_of(m) < SLOW
     else:
         course = math.atan2(e - m.position[1], n - m.position[0])
-        on_wing(m, bank_for(m, course, 0.0), d, cruise_speed(m), t, h)
+        on_wing(m, bank_for(m, course), d, cruise_speed(m), t, h)
         reached = ends_leg(m, row, n, e)
     if reached:
         complete_item(m)
@@ -538,7 +539,7 @@ def _guide(m: Any, t: float, h: float) -> None:
             note_target(m)
             m.circle_told = False
         go_round(m, n, e, d, t, h)
-        if not m.circle_told and distance_to(m, n, e) < _ON_CIRCLE * m.WP_LOITER_RAD:
+        if not m.circle_told and is_on_circle(m, n, e):
             m.circle_told = True
             tell_reached(m, 0)
 
@@ -559,6 +560,7 @@ def _launch(m: Any, t: float, h: float) -> None:
 @kernel
 def _pilot(m: Any, t: float, h: float) -> None:
     """Flies as a pilot says on the wing, or gets there with the autopilot's throttle."""
+    leave_circle(m)
     bank, down, wanted = 0.0, m.guided_position[2], cruise_speed(m)
     if m.mode == _CIRCLE:
         bank = circling_bank(m)
@@ -598,7 +600,7 @@ def _act(m: Any, t: float, h: float) -> None:
         _pilot(m, t, h)
     else:
         go_round(m, n, e, d, t, h)
-        low = m.position[2] >= d - _CLIMBED and distance_to(m, n, e) < _ON_CIRCLE * m.WP_LOITER_RAD
+        low = m.position[2] >= d - _CLIMBED and is_on_circle(m, n, e)
         if m.mode == _LOITER_ALT_QLAND and low:
             _change_mode(m, _QLAND, t)
 
@@ -654,7 +656,7 @@ def _lifted_mode(m: Any) -> int:
 def _watch_more(m: Any, t: float) -> None:
     """Begins the landing of a return."""
     if m.mode == _RTL and m.RTL_AUTOLAND != 0:
-        there = distance_to(m, m.home[0], m.home[1]) < _ON_CIRCLE * m.WP_LOITER_RAD
+        there = is_on_circle(m, m.home[0], m.home[1])
         if seeks_landing(m, there and not m.on_ground):
             _enter(m, _AUTO, t)
 

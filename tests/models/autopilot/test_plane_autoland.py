@@ -139,7 +139,7 @@ def test_the_plane_of_ardupilot_lands() -> None:
     texts(p)
     found = land(p)
     assert [worded(text) for text in found.said] == WORDS
-    assert found.touched < 1.2 and found.astray < 8.0
+    assert found.touched < 1.2 and found.astray < 9.0  # its circle is 8 m wider than the one whose tangent is the final
 
 
 # ---- its beginning -------------------------------------------------------------------------------------------------

@@ -47,8 +47,9 @@ from cosim_models.autopilot.gcs.words import (
     say_figures,
 )
 from cosim_models.autopilot.wing.attitude import rest, servos
+from cosim_models.autopilot.wing.circling import is_on_circle
 from cosim_models.autopilot.wing.energy import CLIMB_P, clip
-from cosim_models.autopilot.wing.flight import bank_for, cruise_speed, fly
+from cosim_models.autopilot.wing.flight import circle_around, cruise_speed, fly
 from cosim_models.autopilot.wing.piloted import line_bank
 from cosim_models.autopilot.wing.sequence import is_landing
 
@@ -61,7 +62,7 @@ _COUNTS = (0, 2, 3, 4, 5, 8, 10, 13)  # MANUAL, STABILIZE, TRAINING, ACRO, FBWA,
 _AUTOLAND = 26
 _COURSE_SPEED = 5.0  # m/s, from which on the course is known
 _SHARE = 0.333  # of AUTOLAND_WP_DIST, at most for the radius of the circle
-_ON_CIRCLE, _CLOSE = 0.1, 5.0  # of the radius beyond it; m from the height
+_CLOSE = 5.0  # m, from the height
 _AHEAD = math.radians(10.0)
 _ON_LINE = 5.0  # m
 _EARLY, _HALF = 0.15, 0.5  # of the final
@@ -170,16 +171,10 @@ def _target_distance(m: Any) -> float:
 @kernel
 def _circle(m: Any, h: float) -> None:
     n, e, side = m.landing_circle[0], m.landing_circle[1], m.landing_circle[2]
-    radius = abs(side)
-    turn = 1.0 if side > 0.0 else -1.0
-    dn, de = m.position[0] - n, m.position[1] - e
-    miss = math.sqrt(dn * dn + de * de) / radius - 1.0
-    course = math.atan2(de, dn) + turn * (0.5 * math.pi + math.atan(2.0 * miss))
-    bank = bank_for(m, course, turn * _speed(m) / radius / (1.0 + 4.0 * miss * miss))
-    fly(m, bank, m.guided_position[2], cruise_speed(m), h)
+    fly(m, circle_around(m, n, e, side), m.guided_position[2], cruise_speed(m), h)
     if m.landing_turned >= 0.0:
-        m.landing_turned += _speed(m) / radius * h
-    elif miss < _ON_CIRCLE and abs(m.position[2] - m.guided_position[2]) < _CLOSE:
+        m.landing_turned += _speed(m) / max(_target_distance(m), 1.0) * h
+    elif is_on_circle(m, n, e) and abs(m.position[2] - m.guided_position[2]) < _CLOSE:
         m.landing_turned = 0.0
     if m.landing_turned < 0.0:
         return

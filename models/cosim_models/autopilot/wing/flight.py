@@ -1,14 +1,11 @@
 """Flight on wings: speeds, courses and circles of the autopilots of fixed wings and quadplanes.
 
-Height and speed are controlled together (`wing.energy`), bank and pitch by `wing.attitude`. The course follows the
-vector field around the circle, which leads straight to its centre from afar. With STALL_PREVENTION, the bank stays
-within the load that the wing carries at the present speed, which is the square of its ratio to AIRSPEED_MIN; 25 degrees
-are always permitted.
+Height and speed are controlled together (`wing.energy`), bank and pitch by `wing.attitude`, circles by
+`wing.circling`. With STALL_PREVENTION, the bank stays within the load that the wing carries at the present speed, which
+is the square of its ratio to AIRSPEED_MIN; 25 degrees are always permitted.
 
 Kernels over a record that has `wing_parameters` and `WING_MEMORY` beside the variables of `gcs.record`, `wing.piloted`
 and `wing.functions`.
-
-Source: R. W. Beard, T. W. McLain, Small Unmanned Aircraft, Princeton 2012, chapter 10 (orbits).
 """
 
 from __future__ import annotations
@@ -25,6 +22,7 @@ from cosim_models.autopilot.gcs.record import angle, real
 from cosim_models.autopilot.gcs.targets import go_to
 from cosim_models.autopilot.gcs.words import GROUNDSPEED, say
 from cosim_models.autopilot.wing.attitude import ATTITUDE_MEMORY, ATTITUDE_PARAMETERS, servos
+from cosim_models.autopilot.wing.circling import CIRCLE_MEMORY, CIRCLE_PARAMETERS, leave_circle, towards_circle
 from cosim_models.autopilot.wing.energy import ENERGY_MEMORY, ENERGY_PARAMETERS, clip, energy
 
 __all__ = [
@@ -33,6 +31,7 @@ __all__ = [
     "bank_for",
     "change_speed",
     "circle",
+    "circle_around",
     "cruise_speed",
     "fly",
     "fly_lifted",
@@ -47,6 +46,8 @@ LAUNCH_DISTANCE = 200.0
 _GRAVITY = 9.80665
 _GENTLE = math.radians(25.0)  # bank that is always permitted
 _STEEPEST = math.radians(85.0)
+_TURN = 0.7  # 1/s, rate of turn by the error of the course
+_LEAST_LEVEL = 0.25  # square of the cosine of the greatest pitch that counts
 _FASTEST = 1000.0  # m/s, of a speed that may be asked for
 _ROTATION = 5.0  # m/s, at which it steers and raises its nose
 
@@ -55,6 +56,7 @@ _PARAMETERS = (
     real("AIRSPEED_MIN", "m/s", 18.0, "least speed that may be asked for", 1.0),
     real("AIRSPEED_MAX", "m/s", 35.0, "greatest speed that may be asked for", 1.0),
     real("WP_LOITER_RAD", "m", 80.0, "radius of circles, clockwise", 20.0),
+    *CIRCLE_PARAMETERS,
     real("WP_RADIUS", "m", 90.0, "distance at which a waypoint is reached", 1.0),
     angle("ROLL_LIMIT_DEG", 45.0, "greatest bank"),
     angle("PTCH_LIM_MAX_DEG", 20.0, "greatest pitch"),
@@ -80,6 +82,7 @@ WING_MEMORY = (
     Memory("home_due"),  # s, when home is told again
     *ENERGY_MEMORY,
     *ATTITUDE_MEMORY,
+    *CIRCLE_MEMORY,
     Memory("runway"),  # rad, course of the take-off
     Memory("rotated", dtype="?"),
     Memory("least_speed"),  # m/s over ground, of DO_CHANGE_SPEED
@@ -133,12 +136,9 @@ def permitted(m: Any, bank: float) -> float:
 
 
 @kernel
-def bank_for(m: Any, course: float, turning: float) -> float:
-    """Returns the bank [rad] that turns to a course, beside the rate of turn of a circle [rad/s]."""
-    square = m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1]
-    error = wrap_pi(course - math.atan2(m.velocity[1], m.velocity[0]))
+def _limited(m: Any, slope: float, square: float) -> float:
+    """Returns the bank [rad] of a slope within its limits at a square of the speed, and notes the one asked for."""
     most = math.radians(m.ROLL_LIMIT_DEG)
-    slope = math.sqrt(square) / _GRAVITY * (0.7 * error + turning)
     bank = clip(math.atan(slope), -most, most)
     least = m.AIRSPEED_MIN * m.AIRSPEED_MIN
     if square * square < least * least * (1.0 + slope * slope):
@@ -148,15 +148,27 @@ def bank_for(m: Any, course: float, turning: float) -> float:
 
 
 @kernel
+def bank_for(m: Any, course: float) -> float:
+    """Returns the bank [rad] that turns to a course."""
+    leave_circle(m)
+    square = m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1]
+    error = wrap_pi(course - math.atan2(m.velocity[1], m.velocity[0]))
+    return _limited(m, math.sqrt(square) / _GRAVITY * (_TURN * error), square)
+
+
+@kernel
+def circle_around(m: Any, n: float, e: float, radius: float) -> float:
+    """Returns the bank [rad] for a circle around a place; a negative radius: anticlockwise."""
+    nose = 2.0 * (m.attitude[0] * m.attitude[2] - m.attitude[3] * m.attitude[1])  # sine of the pitch
+    level = math.sqrt(max(1.0 - nose * nose, _LEAST_LEVEL))
+    square = m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1]
+    return _limited(m, towards_circle(m, n, e, radius) / (_GRAVITY * level), square)
+
+
+@kernel
 def circle(m: Any, n: float, e: float) -> float:
     """Returns the bank [rad] that leads onto the circle around a place, clockwise, and along it."""
-    radius = float(m.WP_LOITER_RAD)
-    dn, de = m.position[0] - n, m.position[1] - e
-    distance = math.sqrt(dn * dn + de * de)
-    miss = (distance - radius) / radius
-    course = math.atan2(de, dn) + 0.5 * math.pi + math.atan(2.0 * miss)
-    speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
-    return bank_for(m, course, speed / radius / (1.0 + 4.0 * miss * miss))
+    return circle_around(m, n, e, float(m.WP_LOITER_RAD))
 
 
 @kernel
@@ -214,7 +226,7 @@ def take_off(m: Any, h: float) -> None:
     """Accelerates along the runway, rotates and climbs straight ahead, nearly up to the target's height."""
     speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
     m.rotated = m.rotated or speed > _ROTATION
-    bank = bank_for(m, m.runway, 0.0) if m.rotated else 0.0
+    bank = bank_for(m, m.runway) if m.rotated else 0.0
     pitch = math.radians(m.TKOFF_LVL_PITCH) if m.rotated else 0.0
     if m.mission_active and m.rotated:  # climbs within TECS_CLMB_MAX
         _, nose = roll_pitch_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))

@@ -22,6 +22,7 @@ from cosim.frames import euler_from_quaternion, roll_pitch_from_quaternion, wrap
 from cosim.kernel import kernel
 from cosim_models.autopilot.gcs.record import angle, real
 from cosim_models.autopilot.wing.attitude import rest, servos
+from cosim_models.autopilot.wing.circling import leave_circle
 from cosim_models.autopilot.wing.energy import clip
 
 __all__ = ["HOVER_MEMORY", "HOVER_PARAMETERS", "glide", "hover", "lean_by_rates", "lean_to", "level_flight"]
@@ -209,6 +210,7 @@ def _towards(m: Any, n: float, e: float) -> tuple[float, float]:
 @kernel
 def hover(m: Any, n: float, e: float, d: float, h: float) -> None:
     """Flies to a place on the rotors, and hovers there."""
+    leave_circle(m)
     vn, ve = _towards(m, n, e)
     _move(m, vn, ve, _climb_to(m, d), _turn(m), h)
 

@@ -19,10 +19,10 @@ from cosim.kernel import kernel
 from cosim.messages import MAV_CMD_DO_LAND_START, MAV_CMD_NAV_WAYPOINT, MAV_SEVERITY_INFO
 from cosim_models.autopilot.gcs.missions import COMMAND, LATITUDE, LONGITUDE, item_place
 from cosim_models.autopilot.gcs.words import PASSED, REACHED_DISTANCE, say_figures
+from cosim_models.autopilot.wing.circling import look_ahead
 
 __all__ = ["LEG_MEMORY", "begin_leg", "ends_leg"]
 
-_L1_TIME = 0.75 * 17.0 / math.pi  # s, in which it flies as far as it looks ahead: NAVL1_DAMPING, NAVL1_PERIOD
 _RIGHT_ANGLE = 0.5 * math.pi
 
 LEG_MEMORY = (Memory("leg", rare=True),)  # rad, its direction
@@ -64,7 +64,7 @@ def ends_leg(m: Any, row: int, n: float, e: float) -> bool:
     if distance >= m.WP_RADIUS and not passed:
         return False
     speed = math.sqrt(m.velocity[0] * m.velocity[0] + m.velocity[1] * m.velocity[1])
-    near = min(float(m.WP_RADIUS), _L1_TIME * speed) * min(_turn(m, row, n, e) / _RIGHT_ANGLE, 1.0)
+    near = min(float(m.WP_RADIUS), look_ahead(m) * speed) * min(_turn(m, row, n, e) / _RIGHT_ANGLE, 1.0)
     if distance > near and not passed:
         return False
     text = REACHED_DISTANCE if distance <= near else PASSED

@@ -205,7 +205,7 @@ def line_bank(m: Any) -> float:
     """Returns the bank [rad] that leads to the line `m.line` and along it."""
     c, s = math.cos(m.line[2]), math.sin(m.line[2])
     right = (m.position[1] - m.line[1]) * c - (m.position[0] - m.line[0]) * s
-    return bank_for(m, m.line[2] - math.atan(right / (_LOOK_AHEAD * max(_speed(m), _LOCKING_SPEED))), 0.0)
+    return bank_for(m, m.line[2] - math.atan(right / (_LOOK_AHEAD * max(_speed(m), _LOCKING_SPEED))))
 
 
 @kernel

@@ -253,7 +253,7 @@ def travel(m: Any, n: float, e: float, d: float, t: float, h: float) -> bool:
         tell_above(m, distance)
         hover(m, n, e, d, h)
         return distance < THERE and speed < SLOW
-    course = bank_for(m, math.atan2(e - m.position[1], n - m.position[0]), 0.0)
+    course = bank_for(m, math.atan2(e - m.position[1], n - m.position[0]))
     if m.braking:
         _brake(m, course, d, h)
     else:
