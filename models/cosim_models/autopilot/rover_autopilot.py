@@ -7,11 +7,11 @@ MANUAL_CONTROL; without them, its sticks are centred. It cannot climb: heights a
 refused as ArduRover refuses them (UNSUPPORTED).
 
 Speed and steering are in `surface.driving`, the modes of a pilot in `surface.piloted`, fail-safes in
-`surface.failsafes`.
+`surface.failsafes`, the ways to places in `surface.legs`.
 
-Differences from ArduRover: no S-curves along the path, no pivot turns, no fences, no estimator. CRUISE_SPEED and
-CRUISE_THROTTLE are those of the simulated vehicles, whose speed at a quarter of the throttle is 5 m/s. As in ArduRover,
-a target nearer than WP_RADIUS (2 m) is not driven to, so small steps of a law are lost.
+Differences from ArduRover: no pivot turns, no fences, no estimator. CRUISE_SPEED and CRUISE_THROTTLE are those of the
+simulated vehicles, whose speed at a quarter of the throttle is 5 m/s, and WP_SPEED 0 means CRUISE_SPEED. As in
+ArduRover, a target nearer than WP_RADIUS (2 m) that hardly moves counts as reached, so small steps of a law are lost.
 
 Sources: ArduPilot, Rover/mode*.cpp, Rover/GCS_MAVLink_Rover.cpp.
 """
@@ -59,6 +59,7 @@ from cosim_models.autopilot.gcs.missions import (
     item_place,
     mission_protocol,
     set_current,
+    tell_reached,
 )
 from cosim_models.autopilot.gcs.parameters import parameter_protocol
 from cosim_models.autopilot.gcs.positioning import start_gps
@@ -98,6 +99,15 @@ from cosim_models.autopilot.surface.failsafes import (
     failsafes,
 )
 from cosim_models.autopilot.surface.learning import LEARN_MEMORY, begin_learning, learn
+from cosim_models.autopilot.surface.legs import (
+    LEG_MEMORY,
+    LEG_PARAMETERS,
+    approach,
+    drive_legs,
+    is_new,
+    set_leg,
+    start_legs,
+)
 from cosim_models.autopilot.surface.motor_test import continue_test, testing
 from cosim_models.autopilot.surface.piloted import (
     PILOT_MEMORY,
@@ -170,6 +180,7 @@ VARIABLES = pilot_variables(
     RoverMode.MANUAL,
     (
         *DRIVE_PARAMETERS,
+        *LEG_PARAMETERS,
         *PILOT_PARAMETERS,
         *CIRCLE_PARAMETERS,
         *TRACK_PARAMETERS,
@@ -180,12 +191,14 @@ VARIABLES = pilot_variables(
     (
         *MISSION,
         *DRIVE_MEMORY,
+        *LEG_MEMORY,
         *PILOT_MEMORY,
         *CIRCLE_MEMORY,
         *TRACK_MEMORY,
         *FAILSAFE_MEMORY,
         *LEARN_MEMORY,
         Memory("watch_next"),  # s, when the path or the fail-safes are due
+        Memory("drifted", dtype="?", rare=True),  # that a boat is on its way back to its place
         Memory("told_home", dtype="?", rare=True),  # that it has arrived there
     ),
 )
@@ -225,8 +238,10 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     if mode == _SMART_RTL:
         return MAV_RESULT_ACCEPTED
     hold_here(m)
+    start_legs(m)
     m.arrived = True
     if mode == _RTL:
+        set_leg(m, m.home[0], m.home[1], (m.home[0], m.home[1]), False)
         go_to(m, m.home[0], m.home[1], m.home[2])
         dn, de = m.home[0] - m.position[0], m.home[1] - m.position[1]
         m.told_home = dn * dn + de * de < m.WP_RADIUS * m.WP_RADIUS
@@ -336,19 +351,36 @@ _receive = receiver(firmware(_GUIDED, _RTL, _enter, _arm, _command, _hear, _othe
 
 
 @kernel
-def _drive_to(m: Any, n: float, e: float, h: float) -> None:
-    """Drives to a place and stops there; boats come back when they have drifted away."""
-    dn, de = n - m.position[0], e - m.position[1]
-    distance = math.sqrt(dn * dn + de * de)
-    keeps = m.kind == MAV_TYPE_SURFACE_BOAT
-    if m.arrived and keeps and distance > m.LOIT_RADIUS:
-        m.arrived = False
-    if not m.arrived and distance < (0.5 * m.LOIT_RADIUS if keeps else m.WP_RADIUS):
-        m.arrived = True
-    if m.arrived:
+def _rest(m: Any, h: float) -> None:
+    """Stops; boats come back to their place when they have drifted away."""
+    if m.kind != MAV_TYPE_SURFACE_BOAT:
         stop(m, h)
-    else:
+        return
+    dn, de = m.guided_position[0] - m.position[0], m.guided_position[1] - m.position[1]
+    distance = math.sqrt(dn * dn + de * de)
+    if distance > m.LOIT_RADIUS:
+        m.drifted = True
+    elif distance < 0.5 * m.LOIT_RADIUS:
+        m.drifted = False
+    if m.drifted:
         drive(m, min(cruise(m), math.sqrt(2.0 * m.ATC_ACCEL_MAX * distance)), math.atan2(de, dn), h)
+    else:
+        stop(m, h)
+
+
+@kernel
+def _arrive(m: Any) -> None:
+    m.arrived = True
+    m.drifted = False
+
+
+@kernel
+def _drive_legs(m: Any, h: float) -> None:
+    """Drives along the leg, and rests at its end."""
+    if m.arrived:
+        _rest(m, h)
+    elif drive_legs(m, h):
+        _arrive(m)
 
 
 @kernel
@@ -358,14 +390,50 @@ def _guide(m: Any, t: float, h: float) -> None:
         hold_here(m)
         m.arrived = True
     if m.guided_kind == VELOCITY:
+        m.arrived = False
         vn, ve = m.guided_velocity[0], m.guided_velocity[1]
         speed = math.sqrt(vn * vn + ve * ve)
         if speed < STANDING:
             stop(m, h)
         else:
             drive(m, speed, math.atan2(ve, vn), h)
+        return
+    n, e = m.guided_position[0], m.guided_position[1]
+    if is_new(m, n, e) and m.guided_kind != HOLD:
+        m.arrived = False
+    if m.arrived:
+        _rest(m, h)
+    elif approach(m, n, e, h):
+        _arrive(m)
+        tell_reached(m, 0)
+
+
+@kernel
+def _behind(m: Any, row: int) -> int:
+    """Returns the row of the waypoint to which the vehicle goes on without a stop, or 0."""
+    if int(m.mission[row, COMMAND]) != MAV_CMD_NAV_WAYPOINT or m.mission[row, P1] > 0.0:
+        return 0
+    for after in range(row + 1, m.mission_count):
+        command = int(m.mission[after, COMMAND])
+        if command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM):
+            return after
+        if command != MAV_CMD_DO_CHANGE_SPEED:
+            break
+    return 0
+
+
+@kernel
+def _begin_item(m: Any, row: int, n: float, e: float) -> None:
+    """Begins the leg to a place of the mission."""
+    go_to(m, n, e, m.position[2])
+    m.arrived = False
+    m.item_since = -1.0
+    after = _behind(m, row)
+    if after > 0:
+        to_n, to_e, _ = item_place(m, after)
+        set_leg(m, n, e, (to_n, to_e), True)
     else:
-        _drive_to(m, m.guided_position[0], m.guided_position[1], h)
+        set_leg(m, n, e, (n, e), False)
 
 
 @kernel
@@ -373,14 +441,14 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     """Carries the mission out; at its end, the vehicle holds its place."""
     tell_item(m)
     if m.uploading:
-        _drive_to(m, m.guided_position[0], m.guided_position[1], h)
+        _drive_legs(m, h)
         return
     row = m.mission_current
     if m.mission_done or row >= m.mission_count:
         if not m.mission_done:
             say(m, MAV_SEVERITY_NOTICE, MISSION_DONE, 0)
         m.mission_done = True
-        _drive_to(m, m.guided_position[0], m.guided_position[1], h)
+        _drive_legs(m, h)
         return
     command = int(m.mission[row, COMMAND])
     if command == MAV_CMD_DO_CHANGE_SPEED:
@@ -392,10 +460,11 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     if command != MAV_CMD_NAV_RETURN_TO_LAUNCH:
         n, e, _ = item_place(m, row)
     if m.guided_position[0] != n or m.guided_position[1] != e:
-        go_to(m, n, e, m.position[2])
-        m.arrived = False
-        m.item_since = -1.0
-    _drive_to(m, n, e, h)
+        _begin_item(m, row, n, e)
+    if m.arrived and m.kind != MAV_TYPE_SURFACE_BOAT:
+        drive_legs(m, h)  # a rover goes on to the place
+    else:
+        _drive_legs(m, h)
     if m.arrived and m.item_since < 0.0:
         m.item_since = t
         if command != MAV_CMD_NAV_LOITER_UNLIM:
@@ -433,7 +502,7 @@ def _act(m: Any, t: float, h: float) -> None:
     elif m.mode == _AUTO:
         _carry_out(m, t, h)
     elif m.mode == _RTL or (m.mode == _SMART_RTL and retrace(m, h)):
-        _drive_to(m, m.guided_position[0], m.guided_position[1], h)
+        _drive_legs(m, h)
         if m.arrived and not m.told_home:
             m.told_home = True
             say(m, MAV_SEVERITY_INFO, DESTINATION, 0)
@@ -501,6 +570,7 @@ def advance(m: Any, t: float, h: float) -> int:
     if t >= m.watch_next:
         _watch(m, t)
     m.desired_velocity[0], m.desired_velocity[1] = 0.0, 0.0
+    m.leg_idle += h
     if not m.armed:
         home_here(m)
         m.motor[0], m.motor[1] = 0.5, 0.5

@@ -139,7 +139,7 @@ def test_a_rover_returns_to_the_home_that_was_set() -> None:
     p.one_step()
     assert p.m.home[:2].tolist() == pytest.approx([30.0, 10.0], abs=0.1)  # it stays
     assert p.ask(HOME, 1) == ACCEPTED
-    assert p.m.home[:2].tolist() == pytest.approx(p.place[:2], abs=1e-6)
+    assert p.m.home[:2].tolist() == pytest.approx(p.place[:2], abs=1e-4)  # it still rolls
     told(p)
     assert set_home(p, 0.0, 0.0) == ACCEPTED
     assert told(p) == [(INFO, "Set HOME to -35.363262 149.165237 at 584.00m")]

@@ -31,8 +31,6 @@ CIRCLE_PARAMETERS = (
     real("CIRC_RADIUS", "m", 20.0, "radius of CIRCLE, at least TURN_RADIUS", 0.1),
     real("CIRC_SPEED", "m/s", 0.0, "speed of CIRCLE, 0: CRUISE_SPEED"),
     whole("CIRC_DIR", 0, "direction of CIRCLE, 0: clockwise, 1: counter-clockwise"),
-    real("PSC_POS_P", "1/s", 0.2, "speed over position error"),
-    real("PSC_VEL_P", "1/s", 1.0, "acceleration over velocity error"),
 )
 CIRCLE_MEMORY = (
     Memory("centre", shape=2, rare=True),  # m, north and east

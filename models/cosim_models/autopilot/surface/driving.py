@@ -21,12 +21,13 @@ from cosim_models.autopilot.gcs.streams import heading
 __all__ = ["DRIVE_MEMORY", "DRIVE_PARAMETERS", "STANDING", "clip", "cruise", "drive", "ground_speed", "steer", "stop"]
 __all__ += ["throttle_for", "turn_limit", "turn_towards"]
 
-STANDING = 0.05
+STANDING = 0.1
 """Speed [m/s] below which a vehicle that should stop stands."""
 _GRAVITY = 9.80665
 
 DRIVE_PARAMETERS = (
-    real("CRUISE_SPEED", "m/s", 5.0, "speed of missions, GUIDED and RTL", 0.1),
+    real("CRUISE_SPEED", "m/s", 5.0, "speed at CRUISE_THROTTLE", 0.1),
+    real("WP_SPEED", "m/s", 0.0, "speed of missions, GUIDED and RTL, 0: CRUISE_SPEED"),
     real("CRUISE_THROTTLE", "%", 25.0, "throttle for CRUISE_SPEED", 1.0),
     real("ATC_SPEED_P", "s/m", 0.2, "throttle over speed error"),
     real("ATC_SPEED_I", "1/m", 0.2, "throttle over integral of the speed error"),
@@ -58,19 +59,17 @@ def ground_speed(m: Any, yaw: float) -> float:
 
 @kernel
 def cruise(m: Any) -> float:
-    """Returns the speed of DO_CHANGE_SPEED, or CRUISE_SPEED [m/s]."""
-    return float(m.cruise if m.cruise > 0.0 else m.CRUISE_SPEED)
+    """Returns the speed of DO_CHANGE_SPEED, WP_SPEED or CRUISE_SPEED [m/s]."""
+    if m.cruise > 0.0:
+        return float(m.cruise)
+    return float(m.WP_SPEED if m.WP_SPEED > 0.0 else m.CRUISE_SPEED)
 
 
 @kernel
 def throttle_for(m: Any, wanted: float, speed: float, h: float) -> None:
     """Commands the throttle for a speed [m/s], within the acceleration limit, at the present one."""
     change = m.ATC_ACCEL_MAX * h
-    braking = 2.0 * change
-    if m.demand < 0.0:
-        m.demand += min(max(wanted - m.demand, -change), braking)
-    else:
-        m.demand += min(max(wanted - m.demand, -braking), change)
+    m.demand += min(max(wanted - m.demand, -change), change)
     miss = m.demand - speed
     forward = 0.01 * m.CRUISE_THROTTLE * m.demand / m.CRUISE_SPEED
     throttle = forward + m.ATC_SPEED_P * miss + m.integral
@@ -121,7 +120,7 @@ def stop(m: Any, h: float) -> None:
     """Brakes; without speed, nothing is commanded."""
     yaw = heading(m)
     speed = ground_speed(m, yaw)
-    if abs(speed) < STANDING and abs(m.demand) < STANDING:
+    if abs(speed) < STANDING and m.demand == 0.0:
         m.demand = 0.0
         m.integral = 0.0
         m.motor[0], m.motor[1] = 0.5, 0.5

@@ -3,14 +3,13 @@
 Three times a second, from arming on, the place is recorded if it is SRTL_ACCURACY from the last one. The path is
 simplified as that of `Autopilot` (`flight.returning.breadcrumbs`). Without space for a point for 15 s, it is given up
 for this drive, and SMART_RTL is refused. Kernels over a record that has `TRACK_PARAMETERS`, `TRACK_MEMORY` and what
-`driving` needs.
+`legs` needs.
 
 Source: ArduPilot, Rover/mode_smart_rtl.cpp, AP_SmartRTL.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from cosim import Memory, Parameter
@@ -20,7 +19,7 @@ from cosim_models.autopilot.flight.returning.breadcrumbs import clean_path, keep
 from cosim_models.autopilot.gcs.record import real
 from cosim_models.autopilot.gcs.targets import go_to
 from cosim_models.autopilot.gcs.words import TRACK_FULL, say
-from cosim_models.autopilot.surface.driving import cruise, drive
+from cosim_models.autopilot.surface.legs import drive_legs, set_leg, start_legs
 
 __all__ = ["TRACK_MEMORY", "TRACK_PARAMETERS", "begin_track", "go_back", "record_track", "retrace"]
 
@@ -52,7 +51,6 @@ TRACK_MEMORY = (
     Memory("crumb_todo", dtype="i4", shape=(_POINTS, 2), rare=True),
     Memory("crumb_middle", shape=3, rare=True),
     Memory("crumb_stored", rare=True),  # s
-    Memory("crumbs_left", rare=True),  # m, length of the path behind the target of SMART_RTL
 )
 
 
@@ -88,11 +86,11 @@ def _aim(m: Any) -> None:
     n, e, _ = take_point(m)
     go_to(m, n, e, m.position[2])
     m.arrived = False
-    m.crumbs_left = 0.0
-    for i in range(int(m.crumb_count) - 1, -1, -1):
-        dn, de = m.crumbs[i, 0] - n, m.crumbs[i, 1] - e
-        m.crumbs_left += math.sqrt(dn * dn + de * de)
-        n, e = m.crumbs[i, 0], m.crumbs[i, 1]
+    row = m.crumb_count - 1
+    if row < 0:
+        set_leg(m, n, e, (n, e), False)
+    else:
+        set_leg(m, n, e, (m.crumbs[row, 0], m.crumbs[row, 1]), True)
 
 
 @kernel
@@ -101,6 +99,7 @@ def go_back(m: Any) -> bool:
     if not m.crumbs_on or m.crumb_count == 0:
         return False
     clean_path(m)
+    start_legs(m)
     _aim(m)
     return True
 
@@ -108,13 +107,8 @@ def go_back(m: Any) -> bool:
 @kernel
 def retrace(m: Any, h: float) -> bool:
     """Drives towards the next point; returns True where the last one is the target, which is left to the caller."""
-    dn, de = m.guided_position[0] - m.position[0], m.guided_position[1] - m.position[1]
-    distance = math.sqrt(dn * dn + de * de)
-    while distance < m.WP_RADIUS and m.crumb_count > 0:
-        _aim(m)
-        dn, de = m.guided_position[0] - m.position[0], m.guided_position[1] - m.position[1]
-        distance = math.sqrt(dn * dn + de * de)
     if m.crumb_count == 0:
         return True
-    drive(m, min(cruise(m), math.sqrt(2.0 * m.ATC_ACCEL_MAX * (distance + m.crumbs_left))), math.atan2(de, dn), h)
+    if drive_legs(m, h):
+        _aim(m)
     return False
