@@ -201,7 +201,7 @@ def test_a_mixed_fleet_of_six_classes_flies(fmus: Path, tmp_path: Path) -> None:
     assert heights == pytest.approx([10, 10, 0, 10, 10, 0, 10, 10, 10], abs=1.0)
     targets = [float(flight[f"drone{i}.agent.target"][-1]) for i in range(1, 10)]
     places = [float(flight.east(i)[-1]) for i in range(1, 10)]
-    for i, reach in enumerate((0.5, 1.0, 4.5, 30.0, 90.0, 30.0, 2.0, 2.0, 0.5)):  # those beside the plane follow it
+    for i, reach in enumerate((0.5, 1.0, 6.0, 30.0, 90.0, 30.0, 2.0, 2.0, 0.5)):  # those beside the plane follow it
         assert places[i] == pytest.approx(targets[i], abs=reach)
     assert {one.who for one in flight.result.verdict.findings if one.kind == "never flew"} == {
         ("drone3.vehicle",),

@@ -56,7 +56,7 @@ ERRORS = {
     3: "substep and ground_deflection must be positive",
     4: "command_max must be greater than command_min",
     5: "position_start is below the ground: down must not exceed ground_height",
-    6: "position, velocity or attitude is no longer finite",
+    6: "position, velocity, attitude or force is no longer finite",
     7: "speed_max and thrust_constant must be positive for the thrust curve and moment_by_command",
 }
 
@@ -504,4 +504,6 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     if not isfinite(total):
         return 6
     _publish(m, position, velocity, q, rates)
+    if not isfinite(m.specific_force[0] + m.specific_force[1] + m.specific_force[2]):
+        return 6
     return 0
