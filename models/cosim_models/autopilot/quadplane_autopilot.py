@@ -467,7 +467,9 @@ def _carry_out(m: Any, t: float, h: float) -> None:
     tell_item(m)
     row = m.mission_current
     if m.uploading:
-        if not m.on_ground:
+        if m.on_ground:
+            _rest(m)
+        else:
             go_round(m, m.guided_position[0], m.guided_position[1], m.guided_position[2], t, h)
         return
     if m.mission_done or row >= m.mission_count:

@@ -121,7 +121,6 @@ def stop(m: Any, h: float) -> None:
     yaw = heading(m)
     speed = ground_speed(m, yaw)
     if abs(speed) < STANDING and m.demand == 0.0:
-        m.demand = 0.0
         m.integral = 0.0
         m.motor[0], m.motor[1] = 0.5, 0.5
     else:

@@ -81,7 +81,7 @@ LEG_MEMORY = (
 
 @kernel
 def _limits(m: Any) -> tuple[float, float]:
-    """Returns acceleration and jerk of targets."""
+    """Returns acceleration [m/s2] and jerk [m/s3] of targets."""
     accel = m.ATC_ACCEL_MAX
     if m.WP_ACCEL > 0.0:
         accel = min(accel, m.WP_ACCEL)
@@ -90,7 +90,7 @@ def _limits(m: Any) -> tuple[float, float]:
 
 @kernel
 def _lateral(m: Any) -> float:
-    """Returns the greatest lateral acceleration."""
+    """Returns the greatest lateral acceleration [m/s2]."""
     return float(_GRAVITY * m.ATC_TURN_MAX_G)
 
 
@@ -158,7 +158,7 @@ def is_new(m: Any, n: float, e: float) -> bool:
 
 @kernel
 def approach(m: Any, n: float, e: float, h: float) -> bool:
-    """Drives to a place that may change at any time; returns whether it has arrived."""
+    """Drives to a place [m] that may change at any time; returns whether it has arrived."""
     _attend(m)
     p, v, a = m.leg_target[0], m.leg_target[1], m.leg_target[2]
     for i in range(2):
@@ -207,9 +207,8 @@ def set_leg(m: Any, n: float, e: float, then: tuple[float, float], passes: bool)
 
     Args:
         m: the record.
-        n: north.
-        e: east.
-        then: the place behind it.
+        n, e: north and east of the place [m].
+        then: north and east of the place behind it [m].
         passes: whether there is one, so that the vehicle does not stop.
     """
     other = m.leg_fast and (m.leg_next[0] != n or m.leg_next[1] != e)
