@@ -56,7 +56,6 @@ from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.network.gateways.mailbox import Mailbox
-from cosim_master.results.export.dataflash import log_of
 from cosim_master.results.reading.links import Links
 from cosim_master.results.recording.recording import Recording
 from cosim_master.results.storage.checkpoint_folder import find
@@ -268,7 +267,7 @@ class _Run:
             scene.rescue = rescue
             scene.on_recording()
             if recording is not None and self.plan.options.dataflash:
-                gateways.serve_logs(partial(log_of, recording.folder))
+                gateways.serve_logs(partial(_log_of, recording.folder))
             interrupted = opened.enter_context(interrupts())
             seconds = (self.plan.options.isolation or Isolation()).limits.seconds
             opened.enter_context(reported_hangs(scene, seconds))
@@ -426,6 +425,13 @@ def _crashed(transport: Transport, error: FmuError) -> None:
         transport.fail(str(error))
         while True:
             transport.receive(0, patient=True)
+
+
+def _log_of(run: Path, system: int) -> tuple[bytes, int]:
+    """Returns what `log_of` does. Only ground stations that ask for a log need it, and messages of MAVLink with it."""
+    from cosim_master.results.export.dataflash import log_of
+
+    return log_of(run, system)
 
 
 def _make_folder(out: Path) -> None:

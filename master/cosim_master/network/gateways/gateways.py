@@ -34,7 +34,6 @@ from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, fi
 from cosim.vehicle import AUTOPILOT
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import ADDRESS
-from cosim_master.network.gateways.logs import LogRequests, WriteLog
 from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.network.gateways.signing import Signing, read_key
 from cosim_master.network.gateways.sockets import KINDS, Socket, open_socket
@@ -43,6 +42,7 @@ from cosim_master.system.settings.radio.nodes import SERIAL, Endpoint, Node
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message
+    from cosim_master.network.gateways.logs import LogRequests, WriteLog
 
 __all__ = ["Address", "Air", "Gateways", "Parser", "autopilots_of", "gateways_of"]
 
@@ -332,10 +332,14 @@ class Gateways:
 
     def serve_logs(self, write: WriteLog) -> None:
         """Answers requests for logs in place of the autopilots from now on; `write` is called in a thread."""
+        stations = [one for one in self._open if not isinstance(one.address, Mailbox)]
+        if not stations:
+            return
+        from cosim_master.network.gateways.logs import LogRequests  # and all messages of MAVLink
+
         self._thread = ThreadPoolExecutor(1)
-        for one in self._open:
-            if not isinstance(one.address, Mailbox):
-                one.logs = LogRequests(write, self._thread)
+        for one in stations:
+            one.logs = LogRequests(write, self._thread)
 
     def exchange(self, air: Air) -> None:
         """Admits the packets that the sockets have received, and sends those that have arrived at the gateways."""
