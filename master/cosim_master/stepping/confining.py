@@ -71,5 +71,6 @@ def _runs(feeds: NDArray[Any], periods: Sequence[int], away: NDArray[np.bool_]) 
     begins[1:] = (np.diff(periods) != 0) | (np.diff(plain) != 0) | (np.diff(away.astype(np.int64)) != 0)
     runs = feeds[begins]
     ends = np.append(np.flatnonzero(begins)[1:], len(feeds)) - 1
-    runs["last_in"], runs["last_out"] = feeds["last_in"][ends], feeds["last_out"][ends]
+    last: Any = feeds[ends]
+    runs["last_in"], runs["last_out"] = last["last_in"], last["last_out"]
     return runs[~away[begins]]

@@ -104,7 +104,7 @@ class Packets:
             packet or else 2 * node [4 bytes], length [4 bytes], and the packet.
     """
 
-    events: NDArray[Any]
+    events: Any  # a table: mypy does not know its fields, and takes seconds for them
     log: NDArray[np.uint8]
 
 

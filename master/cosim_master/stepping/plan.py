@@ -330,7 +330,8 @@ def runs_of(
     if not len(feeds):
         return feeds
     begins = np.ones(len(feeds), dtype=bool)
-    begins[1:] = (np.diff(periods) != 0) | (np.diff(feeds["plain"].astype(np.int64)) != 0)
+    plain: np.ndarray[Any, Any] = feeds["plain"].astype(np.int64)
+    begins[1:] = (np.diff(periods) != 0) | (np.diff(plain) != 0)
     begins[np.asarray(firsts, dtype=np.int64)] = True
     runs = feeds[begins]
     ends = np.append(np.flatnonzero(begins)[1:], len(feeds)) - 1

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -52,13 +53,16 @@ def best(campaign: Finished) -> Table:
     return Table("Best points", head, rows)
 
 
+_STATISTICS: tuple[Callable[[Any], Any], ...] = (np.mean, np.std, np.min, np.median, np.max)
+
+
 def metrics(campaign: Finished) -> Table:
     """Returns the distribution of each metric."""
     rows = []
     for one in campaign.study.metrics:
         values = campaign.numbers(one.name)
         known = values[np.isfinite(values)]
-        numbers = [float(f(known)) for f in (np.mean, np.std, np.min, np.median, np.max)] if len(known) else []
+        numbers = [float(f(known)) for f in _STATISTICS] if len(known) else []
         cells = [f"{number:.6g}" for number in numbers] or [""] * 5
         rows.append((one.name, str(len(known)), str(len(values) - len(known)), *cells))
     head = ("metric", "runs", "without value", "mean", "standard deviation", "least", "median", "greatest")

@@ -119,7 +119,8 @@ def _places(state: RunState, cut: Cut, part: int) -> dict[str, np.ndarray[Any, A
     ports = np.flatnonzero(here[plan.ports["instance"]])
     slopes = np.flatnonzero(here[plan.slopes["instance"]])
     found = {name: np.flatnonzero(here) for name in ("instances.h", "instances.length", "next_events", "pending")}
-    found |= {"real_in": each[each < n], "int_in": each[each >= n] - n, "real_out": reals, "int_out": ints}
+    found["real_in"], found["int_in"] = each[each < n], each[each >= n] - n
+    found["real_out"], found["int_out"] = reals, ints
     found |= dict.fromkeys(("rx", "tx", "ports.filled", "ports.sent", "ports.given_size"), ports)
     found |= dict.fromkeys(("derivatives", "slopes.before", "slopes.at", "slopes.known"), slopes)
     found["delay_line"] = _delayed(state, here)

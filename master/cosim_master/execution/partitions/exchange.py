@@ -52,7 +52,7 @@ class Given:
         broken: in this window its nodes were not in such boxes, so that it needs the packets that are kept from it.
     """
 
-    packets: np.ndarray[Any, Any]
+    packets: Any  # a table, as in `Plan`
     data: np.ndarray[Any, Any]
     places: np.ndarray[Any, Any]
     steps: np.ndarray[Any, Any]

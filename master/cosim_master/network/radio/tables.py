@@ -294,35 +294,38 @@ GATEWAY = np.dtype(
 
 
 class Radio(NamedTuple):
-    """The radio's memory in a few arrays, since numba's compile time grows with their number. Times in ns."""
+    """The radio's memory in a few arrays, since numba's compile time grows with their number. Times in ns.
 
-    settings: NDArray[Any]  # SETTINGS, one row
-    endpoints: NDArray[Any]  # ENDPOINT, node by node
-    nodes: NDArray[Any]  # NODE
+    Tables, whose comments name the type of their rows, are Any, as in `Plan`.
+    """
+
+    settings: Any  # SETTINGS, one row
+    endpoints: Any  # ENDPOINT, node by node
+    nodes: Any  # NODE
     links: NDArray[np.int64]
-    channels: NDArray[Any]  # CHANNEL, by kind of sender, then sorted by kind of hearer
+    channels: Any  # CHANNEL, by kind of sender, then sorted by kind of hearer
     outages: NDArray[np.int64]  # rows (node, from, until)
     partitions: NDArray[np.int64]  # rows (from, until, side of each node)
     jamming: NDArray[np.float64]  # rows (north, east, radius [m], from, until)
     obstacles: NDArray[np.float64]  # rows: see `obstacles`
-    trace: NDArray[Any]  # TRACED, sorted by sender, hearer and time
-    packet: NDArray[Any]  # PACKET (`cosim.channel`), one row if there is an own channel
+    trace: Any  # TRACED, sorted by sender, hearer and time
+    packet: Any  # PACKET (`cosim.channel`), one row if there is an own channel
     media: NDArray[np.int64]  # none, or rows of one number per node: see `medium`
-    places: NDArray[Any]  # PLACE
+    places: Any  # PLACE
     data: NDArray[np.uint8]  # (places, MAX_PACKET)
-    relayed: NDArray[Any]  # RELAYED, one row per place if there are relays, as are the next three
-    trip: NDArray[Any]  # RELAYED, one row: the packet that is being sent
+    relayed: Any  # RELAYED, one row per place if there are relays, as are the next three
+    trip: Any  # RELAYED, one row: the packet that is being sent
     routes: NDArray[np.int64]  # (nodes, 256), the neighbour from which a node last heard a system, plus 1
     seen: NDArray[np.int64]  # for each node and endpoint: latest packet plus 1, and the set of packets before it
     order: NDArray[np.int64]  # nodes along the axis, kept sorted; then the place of each node among these
     along: NDArray[np.float64]
     hearers: NDArray[np.int64]  # scratch
-    gateways: NDArray[Any]  # GATEWAY
-    dialect: NDArray[Any]  # DEFINITION, of the messages that only this system defines
+    gateways: Any  # GATEWAY
+    dialect: Any  # DEFINITION, of the messages that only this system defines
     counters: NDArray[np.int64]  # per outcome, then as named below
-    events: NDArray[Any]  # EVENT
+    events: Any  # EVENT
     log: NDArray[np.uint8]
-    outbox: NDArray[Any]  # POST, only in a part of a run: packets wait there for `replay`
+    outbox: Any  # POST, only in a part of a run: packets wait there for `replay`
     posted: NDArray[np.uint8]  # (outbox, MAX_PACKET)
 
 

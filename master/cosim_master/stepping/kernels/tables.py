@@ -260,14 +260,16 @@ class Plan(NamedTuple):
     The inputs and the outputs of all instances are numbered consecutively: reals first, then integers (with
     enumerations), then booleans. Values of reals are in `real_in` and `real_out`, the others in `int_in` and `int_out`.
     Integers that may need 64 bits have two places, the lower half first.
+
+    Tables, whose comments name the type of their rows, are Any: mypy does not know fields, and takes seconds for them.
     """
 
-    instances: NDArray[Any]  # INSTANCE
-    calls: NDArray[Any]  # CALL, instance by instance
-    feeds: NDArray[Any]  # FEED, of each instance
-    input_runs: NDArray[Any]  # FEED, of as many instances as can be fed at a time
+    instances: Any  # INSTANCE
+    calls: Any  # CALL, instance by instance
+    feeds: Any  # FEED, of each instance
+    input_runs: Any  # FEED, of as many instances as can be fed at a time
     sources: NDArray[np.uint32]  # of each input, within real_out or int_out
-    wires: NDArray[Any]  # WIRE, of each real input
+    wires: Any  # WIRE, of each real input
     real_in: NDArray[np.float64]
     int_in: NDArray[np.int32]
     real_out: NDArray[np.float64]
@@ -276,7 +278,7 @@ class Plan(NamedTuple):
         np.int64
     ]  # rows (int_out, real_out): integer outputs that real inputs take; -1 - i: a UInt32 at i
     value_maps: NDArray[np.int64]  # rows (int_out, int_out, key, value): see COPY
-    ports: NDArray[Any]  # PORTS, of each endpoint
+    ports: Any  # PORTS, of each endpoint
     rx: NDArray[np.uint8]  # (endpoints, longest text): packets for an instance: base64 text, bytes for FMI 3
     received: NDArray[np.uint8]  # (threads, largest capacity): packets being delivered, before they are text
     tx: NDArray[np.uint8]  # (endpoints, largest capacity): packets from an instance
@@ -288,17 +290,17 @@ class Plan(NamedTuple):
     ticks: NDArray[np.int64]  # time of each row of the block, in ticks
     counters: NDArray[np.int64]
     grids: NDArray[np.int64]  # the periods, if no instance steps by the base step; else none
-    delays: NDArray[Any]  # DELAY
-    slopes: NDArray[Any]  # SLOPE, instance by instance
+    delays: Any  # DELAY
+    slopes: Any  # SLOPE, instance by instance
     derivatives: NDArray[np.float64]  # of the inputs in `slopes`
     delay_line: NDArray[np.float64]  # values in delayed connections
     step_sizes: NDArray[np.float64]  # the values that determine the next step size, where it is chosen
     confined: NDArray[np.int64]  # instances that only the main thread steps, in the order in which it does
     free: NDArray[np.int64]  # instances that any thread may step
-    ahead: NDArray[Any]  # AHEAD, in the order of `confined`
-    groups: NDArray[Any]  # GROUP; none: all instances make each base step together
+    ahead: Any  # AHEAD, in the order of `confined`
+    groups: Any  # GROUP; none: all instances make each base step together
     members: NDArray[np.int64]  # the instances of each group, in the order in which they step
-    inboxes: NDArray[Any]  # INBOX, of each endpoint if there are groups
+    inboxes: Any  # INBOX, of each endpoint if there are groups
     positions: NDArray[np.int64]  # (nodes, 3): of each node in real_out, -1 without one, if there are groups
     past: NDArray[np.float64]  # (window, 3 * nodes): positions at the end of each base step of a window, m
     shared: NDArray[np.int64]
