@@ -1,10 +1,9 @@
 """LLVM IR without what LLVM would remove first: less of it is written, printed, read and optimised.
 
 numba describes each array by a structure of seven words in memory, which it fills and reads again for every element:
-85 instructions for ``m.v[i]``, of which LLVM leaves five. It clears variables at their last use, which only reference
-counting needs, and looks for a ``try`` at every call. `use` replaces these: a structure stays a value where a block
-makes and reads it, and what is known of constants is computed at once. `sweep` then removes instructions and memory
-that nobody reads. What a function computes remains the same.
+85 instructions for ``m.v[i]``, of which LLVM leaves five. It looks for a ``try`` at every call. `use` replaces these: a
+structure stays a value where a block makes and reads it, and what is known of constants is computed at once. `sweep`
+then removes instructions and memory that nobody reads. What a function computes remains the same.
 """
 
 from __future__ import annotations
@@ -233,20 +232,8 @@ def _array_of(array_type: Any) -> Any:
 
 # ---- variables and calls ---------------------------------------------------------------------------------------------
 
-_delete: Any = unwrap(lowering.Lower.delvar)
 _arguments: Any = unwrap(lowering.Lower.extract_function_arguments)
 _propagate: Any = unwrap(CPUCallConv.return_status_propagate)
-
-
-@wraps(_delete)
-def _forget(self: Any, name: str) -> None:
-    """Ends the life of a variable; it is cleared only if references are counted."""
-    if self.context.enable_nrt:
-        _delete(self, name)
-        return
-    if name not in self._blk_local_varmap and not self._disable_sroa_like_opt:
-        self._singly_assigned_vars.discard(name)
-    self._alloca_var(name, self.typeof(name))
 
 
 @wraps(_arguments)
@@ -349,6 +336,5 @@ def use() -> None:
     _Proxy.__init__, _Proxy.__getattr__ = _begin_as_value, _attribute_or_memory
     _Proxy.__getitem__, _Proxy.__setitem__, _Proxy._getvalue = _get_member, _set_member, _whole_value
     arrayobj.make_array = _array_of
-    setattr(lowering.Lower, "delvar", _forget)  # noqa: B010 (numba is typed in part)
-    setattr(lowering.Lower, "extract_function_arguments", _begin_function)  # noqa: B010
+    setattr(lowering.Lower, "extract_function_arguments", _begin_function)  # noqa: B010 (numba is typed in part)
     setattr(CPUCallConv, "return_status_propagate", _pass_on)  # noqa: B010

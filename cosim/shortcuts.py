@@ -3,8 +3,9 @@
 numba finds out again and again what it knows already or what nobody asks for: the type of a call, although a thousand
 functions add the same two floats; which variables are alive after each of its passes, although only the last result is
 used; whether a function that has nothing to rewrite or to inline has something; whether extensions have new
-declarations; who watches each pass and each lock; the size of a type, by a module of LLVM of its own; and whether
-SciPy's linear algebra is installed, by importing it. `use` replaces these.
+declarations; who watches each pass and each lock; the size of a type, by a module of LLVM of its own; where variables
+end whose references nobody counts; each instruction as text; and whether SciPy's linear algebra is installed, by
+importing it. `use` replaces these.
 """
 
 from __future__ import annotations
@@ -16,14 +17,27 @@ from inspect import unwrap
 from types import BuiltinFunctionType, FunctionType
 from typing import Any
 
-from numba.core import base, errors, event, ir, lowering, postproc, transforms, typed_passes, typeinfer, untyped_passes
+from numba.core import (
+    base,
+    config,
+    errors,
+    event,
+    ir,
+    ir_utils,
+    lowering,
+    postproc,
+    transforms,
+    typed_passes,
+    typeinfer,
+    untyped_passes,
+)
 from numba.core.base import BaseContext
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager, pass_timings
 from numba.core.dispatcher import Dispatcher
 from numba.core.ir_utils import fixup_var_define_in_scope
 from numba.core.rewrites.registry import rewrite_registry
-from numba.core.types import Array, StringLiteral
+from numba.core.types import Array, StringLiteral, Type
 from numba.core.types.functions import BaseFunction
 from numba.core.typing.context import BaseContext as TypingContext
 from numba.np import linalg
@@ -124,6 +138,21 @@ def _postprocess(self: Any, emit_dels: bool = False, **options: Any) -> None:
     function.generator_info = None
 
 
+_legalize: Any = unwrap(typed_passes.IRLegalization.run_pass)
+
+
+@wraps(_legalize)
+def _legalize_kernel(self: Any, state: Any) -> bool:
+    """Checks the IR of a function before it is lowered; ends of variables are marked only where references count."""
+    flags, function = state.flags, state.func_ir
+    if flags.nrt or flags.enable_pyobject or flags.force_pyobject or function.is_generator:
+        return bool(_legalize(self, state))
+    ir_utils.enforce_no_phis(function)
+    ir_utils.enforce_no_dels(function)
+    postproc.PostProcessor(function).run()
+    return True
+
+
 # ---- rewrites --------------------------------------------------------------------------------------------------------
 
 _rewrite: Any = unwrap(typed_passes.NopythonRewrites.run_pass)
@@ -219,6 +248,27 @@ _own: Any = lowering.Lower.__dict__["_disable_sroa_like_opt"]
 _disabled = cached_property(_own.func if isinstance(_own, cached_property) else _own.fget)
 _disabled.__set_name__(lowering.Lower, "_disable_sroa_like_opt")
 """Whether a function is compiled for a debugger: asked for each instruction, the same for all."""
+
+
+_lower: Any = unwrap(lowering.Lower.lower_inst)
+_config: Any = config  # whose names are made as it is read
+
+
+@wraps(_lower)
+def _lower_instruction(self: Any, instruction: Any) -> None:
+    """Lowers an instruction. Of an assignment, which most are, no text is made for a debugger that nobody runs."""
+    if type(instruction) is not ir.Assign or _config.DEBUG_JIT:
+        _lower(self, instruction)
+        return
+    self.debuginfo.mark_location(self.builder, self.loc.line)
+    self.notify_loc(self.loc)
+    name, value = instruction.target.name, instruction.value
+    lowered = self.lower_assign(self.typeof(name), instruction)
+    argument = None
+    if isinstance(value, ir.Arg):
+        self.debuginfo.mark_location(self.builder, self.defn_loc.line)
+        argument = value.index + 1
+    self.storevar(lowered, name, argidx=argument)
 
 
 # ---- declarations ----------------------------------------------------------------------------------------------------
@@ -338,15 +388,19 @@ def _find_blas() -> None:
 
 def use() -> None:
     """Replaces functions of numba by those of this module, for every function that this process compiles."""
+    kinds: Any = type(Type)  # numba registers no class as a virtual subclass, which is what an ABCMeta looks for
+    kinds.__instancecheck__, kinds.__subclasscheck__ = type.__instancecheck__, type.__subclasscheck__
     setattr(BaseFunction, "get_call_type", _known_call_type)  # noqa: B010 (numba is typed in part)
     setattr(TypingContext, "resolve_value_type", _known_value_type)  # noqa: B010
     ir.Inst._rec_list_vars = _list_variables
     postproc.PostProcessor.run = _postprocess
+    typed_passes.IRLegalization.run_pass = _legalize_kernel
     typed_passes.NopythonRewrites.run_pass = _rewrite_typed
     untyped_passes.InlineClosureLikes.run_pass = _inline_closures
     setattr(BaseContext, "get_abi_sizeof", _known_size)  # noqa: B010
     base._has_loc = _has_loc
     setattr(lowering.Lower, "_disable_sroa_like_opt", _disabled)  # noqa: B010
+    setattr(lowering.Lower, "lower_inst", _lower_instruction)  # noqa: B010
     event.start_event, event.end_event = _start, _end
     setattr(BaseContext, "refresh", _refresh)  # noqa: B010
     setattr(TypingContext, "refresh", _refresh_typing)  # noqa: B010

@@ -9,6 +9,7 @@ import math
 import operator
 import os
 import warnings
+from abc import ABCMeta
 from collections.abc import Callable
 from contextlib import contextmanager
 from typing import Any
@@ -22,6 +23,7 @@ import llvmlite.binding as llvm  # noqa: E402
 from llvmlite import ir as llvm_ir  # noqa: E402
 from numba.core import (  # noqa: E402
     compiler,
+    config,
     errors,
     event,
     ir,
@@ -241,6 +243,59 @@ def test_other_users_of_numba() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # numba says that it falls back to Python's objects
         assert words(4) == {1: ["0"], 3: ["0", "1", "2"]}
+
+
+@pytest.mark.parametrize("counted", [True, False])
+def test_ends_of_variables_are_marked_where_references_are_counted(
+    counted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The machine code is that of numba's own pass, which marks them everywhere."""
+    seen = lowered_by_numba(monkeypatch)
+    monkeypatch.setattr(typed_passes.IRLegalization, "run_pass", shortcuts._legalize_kernel)
+    ours = compiled(sums, _nrt=counted)
+    assert (ir.Del in seen) is counted
+    assert ir.Branch in seen and ir.Assign not in seen
+    monkeypatch.setattr(typed_passes.IRLegalization, "run_pass", shortcuts._legalize)
+    monkeypatch.setattr(lowering.Lower, "lower_inst", shortcuts._lower)
+    assert compiled(sums, _nrt=counted) == ours
+    assert {ir.Del, ir.Assign} <= seen
+
+
+def test_debuggers_get_the_text_of_each_instruction(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = lowered_by_numba(monkeypatch)
+    monkeypatch.setattr(config, "DEBUG_JIT", 1)
+    compiled(sums)
+    assert ir.Assign in seen
+
+
+def lowered_by_numba(monkeypatch: pytest.MonkeyPatch) -> set[type]:
+    """Kinds of instructions that reach numba's own method from now on."""
+    seen, original = set[type](), shortcuts._lower
+
+    def watched(self: Any, instruction: Any) -> None:
+        seen.add(type(instruction))
+        original(self, instruction)
+
+    monkeypatch.setattr(shortcuts, "_lower", watched)
+    monkeypatch.setattr(lowering.Lower, "lower_inst", shortcuts._lower_instruction)
+    return seen
+
+
+def test_kinds_of_types() -> None:
+    """Python's search for virtual subclasses is the oracle."""
+    kinds, waiting = set[Any](), [types.Type]
+    while waiting:
+        if (kind := waiting.pop()) not in kinds:
+            kinds.add(kind)
+            waiting += type.__subclasses__(kind)
+    some = [types.float64, types.IntegerLiteral(3), types.Array(types.int32, 1, "C"), RECORD, 2.5, types.Float]
+    assert type(types.Type).__instancecheck__ is type.__instancecheck__
+    for kind in kinds:
+        assert [isinstance(one, kind) for one in some] == [ABCMeta.__instancecheck__(kind, one) for one in some]
+        assert [one for one in kinds if issubclass(one, kind)] == [
+            one for one in kinds if ABCMeta.__subclasscheck__(kind, one)
+        ]
+    assert len(kinds) > 50
 
 
 # ---- linear algebra ----
@@ -488,10 +543,12 @@ def sums(values: Any, n: int) -> float:
 
 
 def compiled(
-    function: Callable[..., Any], arguments: tuple[Any, ...] = (types.Array(types.float64, 1, "C"), types.int64)
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...] = (types.Array(types.float64, 1, "C"), types.int64),
+    **options: Any,
 ) -> str:
     """Lines of the machine code of a function, without its names, in which numba counts compilations."""
-    dispatcher = numba.njit(function)
+    dispatcher = numba.njit(function, **options)
     dispatcher.compile(arguments)
     (text,) = dispatcher.inspect_asm().values()
     return "\n".join(line for line in text.splitlines() if line.startswith("\t") and "_ZN" not in line)
