@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import ChainMap
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,21 @@ def test_pieces_make_the_whole(tmp_path: Path) -> None:
     data = (tmp_path / NAME).read_bytes()
     assert data == (whole(CONTENT, 3) + "\n").encode("utf-8", "backslashreplace")
     assert json.loads(data) == CONTENT
+
+
+def test_layers_that_instances_share_are_written_with_each(tmp_path: Path) -> None:
+    shared: dict[str, Any] = {"mass": 1.5, "na\u00efve": "a\nb", "on": True}
+    layers = [
+        ChainMap({"on": False, "own": 1e-5}, shared),
+        ChainMap({}, shared),
+        ChainMap({}, {}),
+        ChainMap({"a": 1}, {}),
+    ]
+    layered = {f"drone{i}": {"parameters": one} for i, one in enumerate(layers)}
+    write_manifest(tmp_path, {"instances": layered})
+    plain = {name: {"parameters": dict(one["parameters"])} for name, one in layered.items()}
+    assert plain["drone0"]["parameters"] == {"mass": 1.5, "na\u00efve": "a\nb", "on": False, "own": 1e-5}
+    assert (tmp_path / NAME).read_text(encoding="utf-8") == whole({"instances": plain}, 3) + "\n"
 
 
 def test_values_are_updated_in_place(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import platform
+from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from functools import cache
@@ -28,7 +29,7 @@ def manifest(
     ready: Prepared,
     result: RunResult,
     start_up: float,
-    parameters: Mapping[str, Mapping[str, Start]],
+    parameters: Mapping[str, ChainMap[str, Start]],
     fingerprint: Mapping[str, str],
 ) -> dict[str, Any]:
     """Returns the manifest of a run, as JSON.
@@ -135,8 +136,10 @@ def _network(network: Network) -> dict[str, Any]:
     return found
 
 
-def _instances(ready: Prepared, parameters: Mapping[str, Mapping[str, Start]]) -> dict[str, Any]:
+def _instances(ready: Prepared, parameters: Mapping[str, ChainMap[str, Start]]) -> dict[str, Any]:
     instances, clock = ready.checked.instances, ready.clock
+    layers = {id(layer): layer for values in parameters.values() for layer in values.maps}
+    in_json = {key: {name: _in_json(value) for name, value in layer.items()} for key, layer in layers.items()}
     assigned: dict[str, dict[str, Any]] = {}
     for (name, variable), made in ready.checked.assignments.items():
         told = {"name": made[-1].name, "text": made[-1].text, "where": str(made[-1].where)}
@@ -147,7 +150,7 @@ def _instances(ready: Prepared, parameters: Mapping[str, Mapping[str, Start]]) -
             "step": clock.seconds(period),
             "step_by": source,
             **({} if instance.solver is None else {"solver": asdict(instance.solver)}),
-            "parameters": _all_in_json(parameters[instance.name]),
+            "parameters": ChainMap(*(in_json[id(layer)] for layer in parameters[instance.name].maps)),
             "assigned": assigned.get(instance.name, {}),
         }
         for instance, period, source in zip(instances, clock.periods, clock.sources, strict=True)
@@ -178,12 +181,6 @@ def _in_json(value: Any) -> Any:
     if not isinstance(value, float) or math.isfinite(value):
         return value
     return "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"
-
-
-def _all_in_json(values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Returns values for JSON; the same object if nothing has to be changed, since a swarm has a million of them."""
-    odd = [name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)]
-    return {**values, **{name: _in_json(values[name]) for name in odd}} if odd else values
 
 
 def digest_of_system(checked: CheckedSystem) -> str:

@@ -12,6 +12,7 @@ initialize their parameters in fmi2SetupExperiment, so values set earlier would 
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -108,7 +109,7 @@ def initialize(
     return loops
 
 
-def answers(checked: CheckedSystem, slaves: Sequence[Slave]) -> tuple[dict[str, dict[str, Start]], tuple[str, ...]]:
+def answers(checked: CheckedSystem, slaves: Sequence[Slave]) -> tuple[dict[str, ChainMap[str, Start]], tuple[str, ...]]:
     """Returns the parameters of all instances, by instance and name, as read from the FMUs after initialization.
 
     FMUs compiled by this project are not read: a parameter is a field of the instance's record that only fmi2SetXXX
@@ -117,38 +118,43 @@ def answers(checked: CheckedSystem, slaves: Sequence[Slave]) -> tuple[dict[str, 
     asked, and fail from then on. In these cases, the values set are returned.
 
     Returns:
-        The values, and a note for each value that differs from the one set.
+        The values, those of the instance over those of its FMU, and a note for each value that differs from the one
+        set.
 
     Raises:
         FmuError: an FMU has failed fatally (fmi2Fatal); a refused value is only a note.
     """
-    found: dict[str, dict[str, Start]] = {}
+    found: dict[str, ChainMap[str, Start]] = {}
+    defaults: dict[int, dict[str, Start]] = {}
     notes = []
     for one, instance in zip(slaves, checked.instances, strict=True):
-        variables = instance.fmu.variables
-        starts = {n: x for n, x in instance.effective_values().items() if _is_parameter(variables[n])}
-        found[instance.name] = own = dict(starts)
+        fmu = instance.fmu
+        if id(fmu) not in defaults:
+            defaults[id(fmu)] = _parameters(fmu, fmu.defaults)
+        starts = _parameters(fmu, instance.given_values())
+        found[instance.name] = values = ChainMap(starts, defaults[id(fmu)])
         if one.library.own:
             continue
-        given = (variables[n] for n in starts if n in instance.start_values)
-        asked = [v for v in given if v.type != "Binary" and not v.clocks]
-        for some in _by_kind(asked):
+        given = [fmu.variables[n] for n in values if n in starts]
+        answered: dict[str, Start] = {}
+        for some in _by_kind(v for v in given if v.type != "Binary" and not v.clocks):
             try:
-                own |= {v.name: value for v, value in zip(some, one.get(some), strict=True)}
+                answered |= zip((v.name for v in some), one.get(some), strict=True)
             except FmuError as error:
                 if error.status.endswith("Fatal"):
                     raise
                 said = f"{error.function} does not say them ({error.status})"
                 notes.append(f"parameters of {instance.name}: the values that were set; {said}")
-        for name, answer in own.items():
-            if not _same(answer, starts[name], variables[name].fmi_type):
-                text = f"set to {starts[name]!r}, but after initialization its FMU answers {answer!r}"
-                notes.append(f"parameter {instance.name}.{name}: {text}")
+        for v in given:
+            if v.name in answered and not _same(answered[v.name], starts[v.name], v.fmi_type):
+                text = f"set to {starts[v.name]!r}, but after initialization its FMU answers {answered[v.name]!r}"
+                notes.append(f"parameter {instance.name}.{v.name}: {text}")
+        values.update(answered)
     return found, tuple(notes)
 
 
-def _is_parameter(variable: Variable) -> bool:
-    return variable.causality == "parameter"
+def _parameters(fmu: FmuDescription, values: Mapping[str, Start]) -> dict[str, Start]:
+    return {name: value for name, value in values.items() if fmu.variables[name].causality == "parameter"}
 
 
 def _same(answer: Start, value: Start, fmi_type: str | None) -> bool:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections import ChainMap
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -32,25 +34,82 @@ def no_run(folder: Path, missing: str) -> str:
 
 def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
     """Writes the manifest. An earlier one is replaced only when the new one is complete."""
-    _replace(folder, (_bytes(text) for text in (*_text(content, _LINES), "\n")))
+    _replace(folder, _pieces(content, {}))
 
 
-def _text(value: Any, levels: int, indent: int = 0) -> Iterator[str]:
-    """Yields the pieces of a value as JSON, with so many levels divided into lines.
+def _pieces(
+    content: Mapping[str, Any], places: dict[str, tuple[int, int]], changing: Collection[str] = ()
+) -> Iterator[bytes]:
+    """Yields the manifest as JSON, whose first levels are divided into lines.
 
     In pieces, because the text of some thousand drones takes several times as much memory as their values.
+
+    Args:
+        places: receives the place of each of the values `changing`, and its number of characters.
     """
-    if levels and value and isinstance(value, (Mapping, list, tuple)):
-        named = isinstance(value, Mapping)
-        opening, closing = "{}" if named else "[]"
-        between = f"{opening}\n{' ' * (indent + 1)}"
-        for one in value.items() if isinstance(value, Mapping) else value:
-            yield f"{between}{_json(str(one[0]))}: " if named else between
-            yield from _text(one[1] if named else one, levels - 1, indent + 1)
-            between = f",\n{' ' * (indent + 1)}"
-        yield f"\n{' ' * indent}{closing}"
-    else:
-        yield _json(value)
+    text, written, before = _Text(), 0, "{"
+    for name, value in content.items():
+        head = _bytes(f"{before}\n {_json(name)}: ")
+        before = ","
+        if name in changing:
+            room = _room(value)
+            places[name] = (written + len(head), room)
+            pieces: Iterable[str] = [f"{json.dumps(value):<{room}}"]
+        else:
+            pieces = text.entries(value)
+        for piece in chain([head], map(_bytes, pieces)):
+            written += len(piece)
+            yield piece
+    yield b"\n}\n"
+
+
+class _Text:
+    """The text of the values of one manifest."""
+
+    def __init__(self) -> None:
+        self._layers: dict[int, dict[str, str]] = {}
+        """The entries of the last layer of each `ChainMap`, by its id."""
+
+    def entries(self, value: Any) -> Iterator[str]:
+        """Yields a value of the manifest entry by entry."""
+        if not value or not isinstance(value, (Mapping, list, tuple)):
+            yield self._whole(value, 0, 1)
+            return
+        opening, closing = "{}" if isinstance(value, Mapping) else "[]"
+        for entry in self._lines(value, _LINES - 2, 2):
+            yield f"{opening}\n  {entry}"
+            opening = ","
+        yield f"\n {closing}"
+
+    def _lines(self, value: Any, levels: int, indent: int) -> Iterator[str]:
+        """Yields the entries of a mapping or a list, with so many levels of each divided into lines."""
+        if isinstance(value, Mapping):
+            return (f"{_json(str(name))}: {self._whole(one, levels, indent)}" for name, one in value.items())
+        return (self._whole(one, levels, indent) for one in value)
+
+    def _whole(self, value: Any, levels: int, indent: int) -> str:
+        """Returns the text of a value with so many levels divided into lines."""
+        if levels and value and isinstance(value, (Mapping, list, tuple)):
+            opening, closing = "{}" if isinstance(value, Mapping) else "[]"
+            between = f"\n{' ' * (indent + 1)}"
+            lines = f",{between}".join(self._lines(value, levels - 1, indent + 1))
+            return f"{opening}{between}{lines}\n{' ' * indent}{closing}"
+        return self._layered(value) if isinstance(value, ChainMap) else _json(value)
+
+    def _layered(self, value: ChainMap[str, Any]) -> str:
+        """Returns the text of a mapping in layers; that of the last one, which others share, is made once."""
+        *own, shared = value.maps
+        if id(shared) not in self._layers:
+            self._layers[id(shared)] = _by_name(shared)
+        entries = self._layers[id(shared)].copy()
+        for layer in reversed(own):
+            entries |= _by_name(layer)
+        return f"{{{', '.join(entries.values())}}}"
+
+
+def _by_name(values: Mapping[str, Any]) -> dict[str, str]:
+    """Returns the text of each entry of a mapping."""
+    return {name: f"{_json(name)}: {_json(value)}" for name, value in values.items()}
 
 
 _json = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
@@ -84,25 +143,8 @@ class RunningManifest:
 
     def __init__(self, folder: Path, content: Mapping[str, Any], *changing: str) -> None:
         self._places: dict[str, tuple[int, int]] = {}
-        _replace(folder, self._pieces(content, changing))
+        _replace(folder, _pieces(content, self._places, changing))
         self._file = (folder / NAME).open("r+b", buffering=0)
-
-    def _pieces(self, content: Mapping[str, Any], changing: Collection[str]) -> Iterator[bytes]:
-        """Yields the file piece by piece, and notes the places of the values that change."""
-        written, before = 0, "{"
-        for name, value in content.items():
-            head = _bytes(f"{before}\n {json.dumps(name)}: ")
-            before = ","
-            if name in changing:
-                room = _room(value)
-                self._places[name] = (written + len(head), room)
-                pieces = [f"{json.dumps(value):<{room}}"]
-            else:
-                pieces = [*_text(value, _LINES - 1, 1)]
-            for piece in (head, *map(_bytes, pieces)):
-                written += len(piece)
-                yield piece
-        yield _bytes("\n}\n")
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Writes the current values.

@@ -83,9 +83,12 @@ class ComponentInstance:
 
     def effective_values(self) -> dict[str, Start]:
         """Returns start values of all parameters and inputs: the system's value if it sets one, or the FMU's."""
+        return {**self.fmu.defaults, **self.given_values()}
+
+    def given_values(self) -> Mapping[str, Value]:
+        """Returns those of the effective values that the system sets."""
         apart = self.fmu.apart
-        given = {n: x for n, x in self.start_values.items() if n not in apart} if apart else self.start_values
-        return {**self.fmu.defaults, **given}
+        return {n: x for n, x in self.start_values.items() if n not in apart} if apart else self.start_values
 
 
 @dataclass(frozen=True, slots=True)
