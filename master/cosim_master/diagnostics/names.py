@@ -9,9 +9,9 @@ from __future__ import annotations
 import difflib
 import fnmatch
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
-__all__ = ["alike", "did_you_mean", "is_pattern", "matching", "near", "near_pattern", "similar"]
+__all__ = ["alike", "did_you_mean", "divided", "is_pattern", "matching", "near", "near_pattern", "similar"]
 
 _LISTED = 12
 _SIMILAR = 3
@@ -30,8 +30,25 @@ def is_pattern(text: str) -> bool:
 
 def matching(pattern: str, names: Iterable[str]) -> list[str]:
     """Returns the names that match a pattern, in their original order."""
-    match = re.compile(fnmatch.translate(pattern.replace("[", "[[]"))).match
+    match = _matcher(pattern)
     return [name for name in names if match(name)]
+
+
+def divided(pattern: str, names: Sequence[str]) -> list[tuple[Callable[[str], object], list[str]]]:
+    """Divides a pattern of names that begin with a prefix and end with one of `names`.
+
+    Returns:
+        The ways to divide it: whether a prefix matches the first part, and the names that match the rest. A prefix and
+        a name match the whole pattern if they match in one of these ways.
+    """
+    # A "*" may end the first part, begin the rest, or both.
+    ends = [(i, j) for i in range(len(pattern) + 1) for j in ((i - 1, i) if pattern[i - 1 : i] == "*" else (i,))]
+    found = ((_matcher(pattern[:end]), matching(pattern[begin:], names)) for end, begin in ends)
+    return [(head, rest) for head, rest in found if rest]
+
+
+def _matcher(pattern: str) -> Callable[[str], object]:
+    return re.compile(fnmatch.translate(pattern.replace("[", "[[]"))).match
 
 
 def near(name: str, names: Iterable[str]) -> str:

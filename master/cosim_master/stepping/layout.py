@@ -5,15 +5,16 @@ It needs descriptions only; `plan` then makes the arrays and calls for instances
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from cosim.verdict import Role
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
-from cosim_master.diagnostics.names import matching, near_pattern
+from cosim_master.diagnostics.names import divided, matching, near_pattern
 from cosim_master.fmi.calls import KINDS, call_of
 from cosim_master.fmi.description.read import FmuDescription, Variable
 from cosim_master.fmi.slaves.fmi2 import set_kind
@@ -24,7 +25,10 @@ from cosim_master.system.settings.network import Network
 
 __all__ = ["Delayed", "Layout", "Ports", "halves_of", "make_layout", "shows_error"]
 
-_InOrder = Sequence[tuple[str, Variable]]
+_Variables = Sequence[tuple[str, Variable, str]]
+"""Name, variable, and its kind."""
+_TEXTS = ("String", "Binary")
+_NONE: frozenset[str] = frozenset()
 
 
 @dataclass(slots=True)
@@ -104,38 +108,42 @@ def make_layout(
     master = master or MasterSettings()
     ports = {kind: Ports() for kind in KINDS}
     fmus = {instance.name: instance.fmu for instance in checked.instances}
-    in_order = {key: _by_type(fmu) for key, fmu in {id(fmu): fmu for fmu in fmus.values()}.items()}
+    files = {id(fmu): fmu for fmu in fmus.values()}
     links = [link for link in checked.links if not link.initial_only]
     kinds = [set_kind(fmus[link.target[0]].variables[link.target[1]]) for link in links]
     numeric = [link for link, kind in zip(links, kinds, strict=True) if kind in KINDS]
-    chosen = _chosen(checked, record)
-    wanted = chosen | {link.source for link in numeric} | {*observed} | _needed(checked, network, master)
-    fetched = _Fetched(in_order)
-    names = _by_instance(wanted)
+    chosen = _chosen(checked, files, record)
+    needed = _by_instance(chain((link.source for link in numeric), observed, _needed(checked, network, master)))
+    fetched = _Fetched(files)
+    signals: dict[str, list[tuple[str, Variable]]] = {kind: [] for kind in KINDS}
     for i, instance in enumerate(checked.instances):
-        for name, variable in fetched.of(instance.fmu, names.get(instance.name, ())):
-            kind = set_kind(variable)
-            if kind in KINDS:
-                ports[kind].index[instance.name, name] = len(ports[kind].outputs)
-                ports[kind].outputs += [(i, variable)] * (1 + variable.wide)
+        own = chosen.get(instance.name, _NONE)
+        for name, variable, kind in fetched.of(instance.fmu, own.union(needed.get(instance.name, _NONE))):
+            outputs, place = ports[kind].outputs, len(ports[kind].outputs)
+            ports[kind].index[instance.name, name] = place
+            outputs += [(i, variable)] * (1 + variable.wide)
+            if name in own:
+                ports[kind].recorded += range(place, len(outputs))
+                signals[kind].append((f"{instance.name}.{name}", variable))
         for kind in KINDS:
             ports[kind].first_out.append(len(ports[kind].outputs))
     inputs = _Inputs(numeric, ports, master)
     for instance in checked.instances:
         inputs.fill(instance, fetched)
-    strings = tuple(link for link, kind in zip(links, kinds, strict=True) if kind in ("String", "Binary"))
+    strings = tuple(link for link, kind in zip(links, kinds, strict=True) if kind in _TEXTS)
+    of_text = {key: [(n, v) for n, v in fmu.variables.items() if v.type in _TEXTS] for key, fmu in files.items()}
     texts = tuple(
         (f"{instance.name}.{name}", instance, v)
         for instance in checked.instances
-        for name, v in instance.fmu.variables.items()
-        if v.type in ("String", "Binary") and (instance.name, name) in chosen
+        for name, v in of_text[id(instance.fmu)]
+        if name in chosen.get(instance.name, _NONE)
     )
     return Layout(
         checked.instances,
         ports,
         inputs.int_to_real,
         tuple(inputs.value_maps),
-        {kind: _recorded(ports[kind], chosen) for kind in KINDS},
+        {kind: tuple(found) for kind, found in signals.items()},
         (tuple(inputs.constants[0]), tuple(inputs.constants[1])),
         strings,
         texts,
@@ -153,29 +161,19 @@ def _needed(checked: CheckedSystem, network: Network, master: MasterSettings) ->
     return needed
 
 
-def _recorded(ports: Ports, chosen: Container[tuple[str, str]]) -> tuple[tuple[str, Variable], ...]:
-    """Stores the outputs to be recorded; returns their names and variables."""
-    columns = []
-    for (instance, name), index in ports.index.items():
-        if (instance, name) in chosen:
-            variable = ports.outputs[index][1]
-            ports.recorded += [index, index + 1] if variable.wide else [index]
-            columns.append((f"{instance}.{name}", variable))
-    return tuple(columns)
-
-
 def shows_error(variable: Variable) -> bool:
     """Returns whether a variable shows the error of a step."""
     return (variable.causality, variable.type, variable.variability) == ("output", "Real", "continuous")
 
 
-def _by_type(fmu: FmuDescription) -> _InOrder:
-    """Returns the variables of an FMU, grouped by FMI 3 type: one call gets or sets all variables of a type.
+def _by_type(fmu: FmuDescription) -> _Variables:
+    """Returns the numbers of an FMU, grouped by FMI 3 type: one call gets or sets all variables of a type.
 
     Variables that never change come last: the loop gets them once. Variables that belong to Clocks come last of their
     type: the loop stores their values, but does not set and get them.
     """
-    return sorted(fmu.variables.items(), key=lambda item: (item[1].settled, call_of(item[1])))
+    numbers = [(name, v, kind) for name, v in fmu.variables.items() if (kind := set_kind(v)) in KINDS]
+    return sorted(numbers, key=lambda item: (item[1].settled, call_of(item[1])))
 
 
 def _array(v: Variable) -> tuple[str, int] | None:
@@ -195,47 +193,59 @@ class _Fetched:
     """The variables that the loop sets or gets; found once for instances of an FMU with the same ones.
 
     Args:
-        in_order: the result of `_by_type` for each FMU, by its id.
+        fmus: by id.
     """
 
-    def __init__(self, in_order: Mapping[int, _InOrder]) -> None:
-        self._in_order = in_order
-        self._found: dict[tuple[int, frozenset[str]], _InOrder] = {}
+    def __init__(self, fmus: Mapping[int, FmuDescription]) -> None:
+        self._in_order = {key: _by_type(fmu) for key, fmu in fmus.items()}
+        self._found: dict[tuple[int, frozenset[str]], _Variables] = {}
 
-    def of(self, fmu: FmuDescription, wanted: Iterable[str]) -> _InOrder:
-        """Returns the variables of an FMU that are in `wanted`, and all elements of an array with one of them."""
+    def of(self, fmu: FmuDescription, wanted: Iterable[str]) -> _Variables:
+        """Returns the numbers of an FMU that are in `wanted`, and all elements of an array with one of them."""
         key = (id(fmu), frozenset(wanted))
         if key not in self._found:
             self._found[key] = self._search(*key)
         return self._found[key]
 
-    def _search(self, fmu: int, wanted: frozenset[str]) -> _InOrder:
+    def _search(self, fmu: int, wanted: frozenset[str]) -> _Variables:
         in_order = self._in_order[fmu]
-        found = [(name, v) for name, v in in_order if name in wanted]
-        arrays = {_array(v) for _, v in found} - {None}
+        found = [one for one in in_order if one[0] in wanted]
+        arrays = {_array(v) for _, v, _ in found} - {None}
         if not arrays:
             return found
-        return [(name, v) for name, v in in_order if name in wanted or _array(v) in arrays]
+        return [one for one in in_order if one[0] in wanted or _array(one[1]) in arrays]
 
 
-def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str]]:
+def _chosen(
+    checked: CheckedSystem, fmus: Mapping[int, FmuDescription], record: Sequence[str]
+) -> dict[str, frozenset[str]]:
+    """Returns the names of the variables to be recorded, by instance."""
     causalities = ("output", "local") if record else ("output",)
     candidates = {
-        f"{instance.name}.{name}": (instance.name, name)
-        for instance in checked.instances
-        for name, v in instance.fmu.variables.items()
-        if v.causality in causalities and v.packet_capacity is None and v.clock is None
+        key: [
+            name
+            for name, v in fmu.variables.items()
+            if v.causality in causalities and v.packet_capacity is None and v.clock is None
+        ]
+        for key, fmu in fmus.items()
     }
     if not record:
-        return _without_unused(checked, [*candidates.values()])
-    chosen: set[tuple[str, str]] = set()
+        return _without_unused(checked, fmus, candidates)
+    chosen: dict[str, frozenset[str]] = {}
     problems = []
     for pattern in record:
-        found = matching(pattern, candidates)
-        if not found and (candidates or pattern != "*"):
-            text = f'"{pattern}" matches no output or local variable{_instead(checked, pattern, candidates)}'
+        # Matched with each FMU's variables once: a thousand drones have a hundred thousand candidates.
+        rests = {key: divided(pattern, names) for key, names in candidates.items()}
+        matches = False
+        for instance in checked.instances:
+            for head, names in rests[id(instance.fmu)]:
+                if head(f"{instance.name}."):
+                    chosen[instance.name] = chosen.get(instance.name, _NONE).union(names)
+                    matches = True
+        if not matches and (any(candidates.values()) or pattern != "*"):
+            known = {f"{one.name}.{name}": None for one in checked.instances for name in candidates[id(one.fmu)]}
+            text = f'"{pattern}" matches no output or local variable{_instead(checked, pattern, known)}'
             problems.append(Problem(Where("--record"), text))
-        chosen |= {candidates[name] for name in found}
     if problems:
         raise SystemDescriptionError(problems)
     return chosen
@@ -255,19 +265,23 @@ def _instead(checked: CheckedSystem, pattern: str, candidates: Collection[str]) 
     return f"; {near_pattern(pattern, candidates)}"
 
 
-def _without_unused(checked: CheckedSystem, outputs: Collection[tuple[str, str]]) -> set[tuple[str, str]]:
-    """Returns the outputs (instance, name) without those that are declared optional and drive nothing."""
-    fmus = {id(one.fmu): one.fmu for one in checked.instances}
+def _without_unused(
+    checked: CheckedSystem, fmus: Mapping[int, FmuDescription], outputs: Mapping[int, Sequence[str]]
+) -> dict[str, frozenset[str]]:
+    """Returns the outputs of each instance without those that are declared optional and drive nothing.
+
+    Args:
+        outputs: of each FMU.
+    """
+    every = {key: frozenset(names) for key, names in outputs.items()}
     optional = {
-        key: frozenset(
-            name
-            for name, v in fmu.variables.items()
-            if v.causality == "output" and fmu.verdicts.get(name.partition("[")[0]) is Role.OPTIONAL
-        )
-        for key, fmu in fmus.items()
+        key: frozenset(n for n in names if fmus[key].verdicts.get(n.partition("[")[0]) is Role.OPTIONAL)
+        for key, names in every.items()
     }
-    unused = {(one.name, name) for one in checked.instances for name in optional[id(one.fmu)]}
-    return set(outputs) - (unused - {link.source for link in checked.links if not link.initial_only})
+    used = _by_instance(link.source for link in checked.links if not link.initial_only)
+    return {
+        one.name: every[id(one.fmu)] - (optional[id(one.fmu)] - used.get(one.name, _NONE)) for one in checked.instances
+    }
 
 
 class _Inputs:
@@ -306,8 +320,8 @@ class _Inputs:
         """Adds the connected inputs of an instance, in the order in which they are set, to the ports."""
         own = self._links.get(instance.name, {})
         starts = None
-        for name, target in fetched.of(instance.fmu, own):
-            kind, link, factor, offset = set_kind(target), own.get(name), 1.0, 0.0
+        for name, target, kind in fetched.of(instance.fmu, own):
+            link, factor, offset = own.get(name), 1.0, 0.0
             if link is None:
                 starts = instance.effective_values() if starts is None else starts
                 value = starts.get(name, 0)
@@ -351,8 +365,7 @@ class _Inputs:
 
     def _sources_of(self, link: FlatConnection, target: Variable) -> list[int]:
         """Returns the place of the value of an input; two places for an integer of 64 bits."""
-        source_kind = next(k for k in KINDS if link.source in self._ports[k].index)
-        at = self._ports[source_kind].index[link.source]
+        source_kind, at = next((k, at) for k in KINDS if (at := self._ports[k].index.get(link.source)) is not None)
         wide = self._ports[source_kind].outputs[at][1].wide
         at += self._integers if source_kind == "Boolean" else 0
         if link.mapping:

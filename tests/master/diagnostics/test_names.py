@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from cosim_master.diagnostics.names import near, similar
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cosim_master.diagnostics.names import divided, matching, near, similar
 
 NAMES = ["drone1.vehicle.mass", "drone2.vehicle.mass", "drone1.vehicle.position[1]", "drone1.agent.gain"]
 
@@ -37,3 +40,17 @@ def test_near_ends_a_sentence() -> None:
     assert near("mass", NAMES) == 'did you mean "drone1.vehicle.mass" or "drone2.vehicle.mass"?'
     assert near("nothing", NAMES[3:]) == 'valid: "drone1.agent.gain"'
     assert near("nothing", []) == "there is none"
+
+
+@given(
+    pattern=st.text("ab.*?[1]", max_size=8),
+    prefixes=st.lists(st.text("ab.", max_size=3), min_size=1, max_size=4),
+    names=st.lists(st.text("ab.[1]", min_size=1, max_size=3), min_size=1, max_size=6),
+)
+def test_a_divided_pattern_matches_what_the_whole_one_matches(
+    pattern: str, prefixes: list[str], names: list[str]
+) -> None:
+    ways = divided(pattern, names)
+    for prefix in prefixes:
+        found = {prefix + name for head, rest in ways if head(prefix) for name in rest}
+        assert found == {*matching(pattern, [prefix + name for name in names])}

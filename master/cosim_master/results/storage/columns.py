@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -18,6 +18,7 @@ from cosim_master.stepping.observation import Rows
 from cosim_master.system.flatten.flat import CheckedSystem
 
 if TYPE_CHECKING:  # recordings are read without the stepping loop, whose compiler takes half a second to import
+    from cosim_master.fmi.description.variables import Variable
     from cosim_master.stepping.layout import Layout
 
 __all__ = ["Columns", "columns_of"]
@@ -102,22 +103,36 @@ class Columns:
 
 def columns_of(checked: CheckedSystem, layout: Layout) -> Columns:
     """Returns the columns of a run, in the order of instances and their variables."""
-    known: dict[str, tuple[str, int, Any]] = {}
+    signals: list[tuple[str, str, int, Variable]] = []
     integers = sum(1 + v.wide for _, v in layout.signals["Integer"])
     for kind, variables in layout.signals.items():
         place = integers if kind == "Boolean" else 0
         for name, v in variables:
-            known[name] = (kind, place, v)
+            signals.append((name, kind, place, v))
             place += 1 + v.wide
-    known |= {name: ("String", i, v) for i, (name, _, v) in enumerate(layout.string_signals)}
+    signals += [(name, "String", i, v) for i, (name, _, v) in enumerate(layout.string_signals)]
+    numbers = {one.name: i for i, one in enumerate(checked.instances)}
+    files = {id(one.fmu): one.fmu for one in checked.instances}
+    ranks = {key: {name: i for i, name in enumerate(fmu.variables)} for key, fmu in files.items()}
+
+    def order(signal: tuple[str, str, int, Variable]) -> tuple[int, int]:
+        name, _, _, v = signal
+        number = numbers[name.removesuffix(f".{v.name}")]
+        return number, ranks[id(checked.instances[number].fmu)][v.name]
+
+    forms: dict[tuple[int, str], tuple[pa.DataType, pa.KeyValueMetadata]] = {}
     fields, places = [pa.field("time", pa.float64(), metadata={"unit": "s"})], []
-    for name in (f"{one.name}.{variable}" for one in checked.instances for variable in one.fmu.variables):
-        if name not in known:
-            continue
-        kind, place, variable = known[name]
-        metadata = {"unit": variable.unit.name if variable.unit else "", "description": variable.description}
-        if variable.items:
-            metadata["items"] = json.dumps(dict(variable.items))
-        fields.append(pa.field(name, _WIDE[variable.fmi_type] if variable.wide else _ARROW[kind], metadata=metadata))
+    for name, kind, place, v in sorted(signals, key=order):
+        if (form := forms.get((id(v), kind))) is None:
+            form = forms[id(v), kind] = _form_of(v, kind)
+        fields.append(pa.field(name, form[0], metadata=form[1]))
         places.append(place)
     return Columns(pa.schema(fields), tuple(places))
+
+
+def _form_of(variable: Variable, kind: str) -> tuple[pa.DataType, pa.KeyValueMetadata]:
+    """Returns the type of a column, and its metadata."""
+    metadata = {"unit": variable.unit.name if variable.unit else "", "description": variable.description}
+    if variable.items:
+        metadata["items"] = json.dumps(dict(variable.items))
+    return _WIDE[variable.fmi_type] if variable.wide else _ARROW[kind], pa.KeyValueMetadata(metadata)
