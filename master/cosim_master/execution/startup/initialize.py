@@ -25,7 +25,7 @@ from cosim_master.execution.events.super_dense import EndedByEvent, Events
 from cosim_master.execution.startup.loops import settle
 from cosim_master.fmi.description.read import FmuDescription, Start, Variable
 from cosim_master.fmi.slaves.elsewhere import Elsewhere
-from cosim_master.fmi.slaves.fmi2 import set_kind
+from cosim_master.fmi.slaves.fmi2 import Batch, set_kind
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.fmi.slaves.libraries import Libraries, check_sources
 from cosim_master.fmi.slaves.making import instantiate as make
@@ -44,10 +44,6 @@ class SettledLoop:
 
     outputs: tuple[str, ...]
     rounds: int
-
-
-_Terms = dict[tuple[str, str], dict[int, Any]]
-"""Values of the terms of sums, by input and number."""
 
 
 def instantiate(
@@ -86,21 +82,21 @@ def initialize(
         FmuError: an FMU refused.
         LoopError: outputs depend on each other, and no consistent values were found.
     """
-    grouped = _Grouped()
+    batches = _Batches()
     for one, instance in zip(slaves, checked.instances, strict=True):
         starts = instance.effective_values()
         if sizes := instance.structural_values():
             one.configure([instance.fmu.variables[n] for n in sizes], list(sizes.values()))
         one.setup_experiment(start, stop)
-        grouped.set(one, instance.fmu, starts, inputs=False)
+        _set_all(one, batches.of(instance.fmu, starts, inputs=False), starts)
     for one, instance in zip(slaves, checked.instances, strict=True):
         starts = instance.effective_values()  # anew, since those of all instances together take much memory
         one.enter_initialization_mode()
         if one.initializes_anew:
-            exact = [v for n in starts if (v := instance.fmu.variables[n]).initial == "exact"]
-            _set_all(one, [v for v in exact if v.causality != "input"], starts)
-        grouped.set(one, instance.fmu, starts, inputs=True)
-    loops = _exchange(checked, {one.name: one for one in slaves})
+            exact = (v for n in starts if (v := instance.fmu.variables[n]).initial == "exact")
+            _set_all(one, _by_kind(v for v in exact if v.causality != "input"), starts)
+        _set_all(one, batches.of(instance.fmu, starts, inputs=True), starts)
+    loops = _exchange(checked, {one.name: one for one in slaves}, batches)
     events = events or Events(checked, slaves, round(start * 1e9))
     events.begin()
     for one in slaves:
@@ -201,92 +197,90 @@ def try_out(
     return loops
 
 
-def _exchange(checked: CheckedSystem, slaves: Mapping[str, Slave]) -> tuple[SettledLoop, ...]:
+def _exchange(checked: CheckedSystem, slaves: Mapping[str, Slave], batches: _Batches) -> tuple[SettledLoop, ...]:
     """Exchanges values stage by stage: gets all sources of a stage at once, then sets its targets."""
     loops = []
-    terms: _Terms = {}
+    exchange = _Exchange(slaves, batches)
     for stage in checked.init_order:
         links = [checked.links[i] for i in stage.links]
         ends = list(dict.fromkeys(link.source for link in links))
-        got = _get(slaves, ends)
+        got = exchange.get(ends)
         if not stage.loop:
-            _set(slaves, links, got, terms)
+            exchange.set(links, got)
             continue
         names = tuple(".".join(end) for end in ends)
-        rounds = settle(partial(_go_round, slaves, links, ends, terms), [got[end] for end in ends], names)
+        rounds = settle(partial(exchange.go_round, links, ends), [got[end] for end in ends], names)
         loops.append(SettledLoop(names, rounds))
     return tuple(loops)
 
 
-def _go_round(
-    slaves: Mapping[str, Slave],
-    links: Sequence[FlatConnection],
-    ends: Sequence[tuple[str, str]],
-    terms: _Terms,
-    values: list[Any],
-) -> list[Any]:
-    _set(slaves, links, dict(zip(ends, values, strict=True)), terms)
-    got = _get(slaves, ends)
-    return [got[end] for end in ends]
+class _Exchange:
+    """Carries values over links, from instance to instance; one call per instance and type."""
+
+    def __init__(self, slaves: Mapping[str, Slave], batches: _Batches) -> None:
+        self._slaves, self._batches = slaves, batches
+        self._terms: dict[tuple[str, str], dict[int, Any]] = {}
+        """Known values of the terms of sums, by input and number."""
+
+    def get(self, ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
+        """Returns the values of outputs, by instance and variable."""
+        wanted: dict[str, list[str]] = {}
+        for name, variable in ends:
+            wanted.setdefault(name, []).append(variable)
+        got: dict[tuple[str, str], Any] = {}
+        for name, variables in wanted.items():
+            one = self._slaves[name]
+            for batch in self._batches.of(one.fmu, variables):
+                got |= zip(((name, n) for n in batch.names), one.get(batch), strict=True)
+        return got
+
+    def set(self, links: Sequence[FlatConnection], got: Mapping[tuple[str, str], Any]) -> None:
+        """Sets the targets of links from the values of their sources."""
+        targets: dict[str, dict[str, Any]] = {}
+        for link in links:
+            value = link.converted(got[link.source])
+            if link.term is not None:
+                known = self._terms.setdefault(link.target, {})
+                known[link.term] = value
+                value = sum(known[n] for n in sorted(known))
+            targets.setdefault(link.target[0], {})[link.target[1]] = value
+        for name, new in targets.items():
+            one = self._slaves[name]
+            _set_all(one, self._batches.of(one.fmu, new), new)
+
+    def go_round(
+        self, links: Sequence[FlatConnection], ends: Sequence[tuple[str, str]], values: list[Any]
+    ) -> list[Any]:
+        """Sets the targets of links from `values` of their sources; returns the sources' new values."""
+        self.set(links, dict(zip(ends, values, strict=True)))
+        got = self.get(ends)
+        return [got[end] for end in ends]
 
 
-def _get(slaves: Mapping[str, Slave], ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
-    """Returns the values of outputs, by instance and variable; one call per instance and type."""
-    wanted: dict[str, list[Variable]] = {}
-    for name, variable in ends:
-        wanted.setdefault(name, []).append(slaves[name].fmu.variables[variable])
-    got: dict[tuple[str, str], Any] = {}
-    for name, variables in wanted.items():
-        for chosen in _by_kind(variables):
-            got |= {(name, v.name): x for v, x in zip(chosen, slaves[name].get(chosen), strict=True)}
-    return got
-
-
-def _set(
-    slaves: Mapping[str, Slave], links: Sequence[FlatConnection], got: Mapping[tuple[str, str], Any], terms: _Terms
-) -> None:
-    """Sets the targets of links from the values of their sources; `terms` are the known terms of sums."""
-    targets: dict[str, dict[str, Any]] = {}
-    for link in links:
-        value = link.converted(got[link.source])
-        if link.term is not None:
-            known = terms.setdefault(link.target, {})
-            known[link.term] = value
-            value = sum(known[n] for n in sorted(known))
-        targets.setdefault(link.target[0], {})[link.target[1]] = value
-    for name, new in targets.items():
-        one = slaves[name]
-        _set_all(one, [one.fmu.variables[n] for n in new], new)
-
-
-def _by_kind(variables: Iterable[Variable]) -> list[list[Variable]]:
+def _by_kind(variables: Iterable[Variable]) -> list[Batch]:
     """Returns the variables of each type that one call sets or gets; Clocks are not among them."""
     found: dict[str, list[Variable]] = {kind: [] for kind in _KINDS}
     for v in variables:
         if v.type != "Clock":
             found[set_kind(v)].append(v)
-    return [some for some in found.values() if some]
+    return [Batch(some) for some in found.values() if some]
 
 
-def _set_all(one: Slave, variables: Sequence[Variable], values: Mapping[str, Any]) -> None:
-    """Sets variables; one call per type."""
-    for some in _by_kind(variables):
-        one.set(some, [values[v.name] for v in some])
+def _set_all(one: Slave, batches: Iterable[Batch], values: Mapping[str, Any]) -> None:
+    for batch in batches:
+        one.set(batch, [*map(values.__getitem__, batch.names)])
 
 
-class _Grouped:
-    """Sets start values; finds out once which calls set the same variables of an FMU's instances."""
+class _Batches:
+    """The batches of an FMU's variables, found once for all of its instances of which the same ones are set or got."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[int, tuple[str, ...]], dict[bool, list[list[Variable]]]] = {}
+        self._known: dict[tuple[int, tuple[str, ...], bool | None], list[Batch]] = {}
 
-    def set(self, one: Slave, fmu: FmuDescription, values: Mapping[str, Any], *, inputs: bool) -> None:
-        """Sets those of the values that are inputs, or those that are not; one call per type."""
-        key = id(fmu), tuple(values)
+    def of(self, fmu: FmuDescription, names: Iterable[str], *, inputs: bool | None = None) -> list[Batch]:
+        """Returns the batches of variables; only of those that are inputs, or that are not, if `inputs` is given."""
+        key = id(fmu), tuple(names), inputs
         if key not in self._known:
-            variables = [fmu.variables[n] for n in values]
-            self._known[key] = {
-                which: _by_kind(v for v in variables if (v.causality == "input") == which) for which in (False, True)
-            }
-        for some in self._known[key][inputs]:
-            one.set(some, [values[v.name] for v in some])
+            variables = (fmu.variables[n] for n in key[1])
+            self._known[key] = _by_kind(v for v in variables if inputs in (None, v.causality == "input"))
+        return self._known[key]

@@ -22,8 +22,10 @@ import ctypes
 import logging
 import math
 import platform
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,7 @@ from cosim_master.fmi.description.read import FmuDescription, Variable
 __all__ = [
     "CALLBACK_TYPES",
     "STATUS",
+    "Batch",
     "Diagnosis",
     "Instance2",
     "Library",
@@ -157,6 +160,11 @@ class Library:
         )
         """The callbacks allocateMemory and freeMemory."""
 
+    @cached_property
+    def resources_uri(self) -> bytes:
+        """The fmuResourceLocation of FMI 2."""
+        return self.resources.as_uri().encode()
+
     def _load(self, library: Path) -> Any:
         try:
             return ctypes.CDLL(str(library))
@@ -279,7 +287,7 @@ class Instance2:
             ctypes.c_char_p(self.name.encode()),
             ctypes.c_int(self.kind),
             ctypes.c_char_p(self.fmu.guid.encode()),
-            ctypes.c_char_p(self.library.resources.as_uri().encode()),
+            ctypes.c_char_p(self.library.resources_uri),
             ctypes.byref(self._callbacks),
             ctypes.c_int(0),
             ctypes.c_int(self.library.python),
@@ -369,9 +377,14 @@ class Instance2:
             return
         kind = set_kind(variables[0])
         n = len(variables)
-        converted = [str(v).encode() if kind == "String" else float(v) if kind == "Real" else int(v) for v in values]
-        array = (_C_TYPES[kind] * n)(*converted)
-        self.call(f"fmi2Set{kind}", _references(variables), ctypes.c_size_t(n), array)
+        c_array = _C_TYPES[kind] * n
+        if kind == "String":
+            content = c_array(*(str(value).encode() for value in values))
+        elif kind == "Real":  # by way of `array`, which takes values ten times as fast as ctypes
+            content = c_array.from_buffer(array("d", map(float, values)))
+        else:
+            content = c_array.from_buffer(array("i", map(int, values)))
+        self.call(f"fmi2Set{kind}", _references(variables), ctypes.c_size_t(n), content)
 
     def ended(self) -> bool:
         """Returns, after a discarded step, whether the FMU requests the end of the simulation."""
@@ -490,5 +503,21 @@ def raise_end(one: Any, function: str) -> None:
         raise FmuError(one.name, found.function or function, found.text, one.time, [*one.lines, *found.lines])
 
 
+class Batch(tuple[Variable, ...]):
+    """Variables that share one FMI type and are set or got together, in many instances of their FMU."""
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(v.name for v in self)
+
+    @cached_property
+    def references(self) -> Any:
+        """Their value references, as the argument of a call."""
+        return _references([*self])
+
+
 def _references(variables: Sequence[Variable]) -> Any:
+    if isinstance(variables, Batch):
+        return variables.references
     return (ctypes.c_uint * len(variables))(*(v.value_reference for v in variables))
