@@ -11,18 +11,14 @@ Loops that exist only because of this default converge at the first repetition.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
-from typing import TypeVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from cosim_master.fmi.description.read import FmuDescription
 
 __all__ = ["Stage", "components", "exchange_order"]
 
-_Node = tuple[str, str, str]  # kind ("in", "out", or "all" inputs of an instance), instance, variable
-_Ends = tuple[tuple[str, str], tuple[str, str]]
-_Any = TypeVar("_Any", bound=Hashable)
+_End = tuple[str, str]  # instance, variable
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +29,9 @@ class Stage:
     loop: bool = False
 
 
-def exchange_order(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription], notes: list[str]) -> tuple[Stage, ...]:
+def exchange_order(
+    links: Sequence[tuple[_End, _End]], fmus: Mapping[str, FmuDescription], notes: list[str]
+) -> tuple[Stage, ...]:
     """Returns stages of links, as indices into `links`.
 
     Args:
@@ -41,24 +39,21 @@ def exchange_order(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription], n
         fmus: description of each instance.
         notes: appended to.
     """
-    edges, assumed = _graph(links, fmus)
-    component = components(edges)
-    members: dict[int, list[_Node]] = {}
-    for node, number in component.items():
-        members.setdefault(number, []).append(node)
-    level = _levels(edges, component, members)
+    graph = _graph(links, fmus)
+    component = components(graph.edges)
+    sizes = [0] * len(graph.edges)
+    for number in component:
+        sizes[number] += 1
+    level = _levels(graph, component, sizes)
     stages: dict[tuple[int, int, int], list[int]] = {}
-    for index, (source, target) in enumerate(links):
-        start, end = ("out", *source), ("in", *target)
-        number = component[start]
-        if component[end] == number:
+    for index, (source, (instance, variable)) in enumerate(links):
+        number = component[graph.outputs[source]]
+        if component[graph.inputs[instance][variable]] == number:
             key = (level[number], 1, number)
         else:
-            key = (level[number], 0 if len(members[number]) == 1 else 2, 0)
+            key = (level[number], 0 if sizes[number] == 1 else 2, 0)
         stages.setdefault(key, []).append(index)
-    unsaid = sorted(
-        {node[1] for number, inside in members.items() if len(inside) > 1 for node in inside if node in assumed}
-    )
+    unsaid = sorted({instance for node, instance in graph.assumed.items() if sizes[component[node]] > 1})
     if unsaid:
         names = ", ".join(unsaid[:5]) + (f" and {len(unsaid) - 5} more" if len(unsaid) > 5 else "")
         notes.append(
@@ -68,69 +63,102 @@ def exchange_order(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription], n
     return tuple(Stage(tuple(stages[key]), loop=key[1] == 1) for key in sorted(stages))
 
 
-def _graph(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription]) -> tuple[dict[_Node, list[_Node]], set[_Node]]:
-    """Returns edges from each node to the nodes that depend on it, and the outputs whose dependencies are assumed."""
-    edges: dict[_Node, list[_Node]] = {}
-    assumed: set[_Node] = set()
-    linked: dict[str, set[str]] = {}
-    for source, target in links:
-        edges.setdefault(("out", *source), []).append(("in", *target))
-        hub: _Node = ("all", target[0], "")
-        edges.setdefault(("in", *target), []).append(hub)
-        edges.setdefault(hub, [])
-        linked.setdefault(target[0], set()).add(target[1])
-    inputs = {instance: frozenset(names) for instance, names in linked.items()}
+@dataclass(slots=True)
+class _Graph:
+    """The dependencies between linked variables.
 
-    @cache  # an output depends on a hundred parameters, which no link sets, in each of a thousand drones
-    def linked_ones(needed: tuple[str, ...], names: frozenset[str]) -> tuple[str, ...]:
-        return tuple(name for name in needed if name in names)
+    Attributes:
+        edges: of each node, the nodes that depend on it.
+        outputs: nodes of sources.
+        inputs: nodes of targets, by instance and variable.
+        hubs: nodes that depend on all linked inputs of an instance.
+        assumed: outputs whose dependencies their FMU does not declare, with their instance.
+    """
 
-    for instance, variable in dict.fromkeys(source for source, _ in links):
-        fmu, output = fmus[instance], ("out", instance, variable)
+    edges: list[list[int]] = field(default_factory=list)
+    outputs: dict[_End, int] = field(default_factory=dict)
+    inputs: dict[str, dict[str, int]] = field(default_factory=dict)
+    hubs: dict[str, int] = field(default_factory=dict)
+    assumed: dict[int, str] = field(default_factory=dict)
+
+    def node(self) -> int:
+        """Returns a new node."""
+        self.edges.append([])
+        return len(self.edges) - 1
+
+
+def _graph(links: Sequence[tuple[_End, _End]], fmus: Mapping[str, FmuDescription]) -> _Graph:
+    graph = _Graph()
+    edges, outputs, inputs, hubs = graph.edges, graph.outputs, graph.inputs, graph.hubs
+    for source, (instance, variable) in links:
+        if (start := outputs.get(source)) is None:
+            start = outputs[source] = graph.node()
+        targets = inputs.setdefault(instance, {})
+        if (end := targets.get(variable)) is None:
+            end = targets[variable] = graph.node()
+        if (hub := hubs.get(instance)) is None:
+            hub = hubs[instance] = graph.node()
+        edges[start].append(end)
+        edges[end].append(hub)
+    # An output depends on a hundred parameters, which no link sets, in each of a thousand drones.
+    known: dict[tuple[int, str, int], tuple[str, ...]] = {}
+    sets: dict[tuple[str, ...], int] = {}
+    linked = {instance: sets.setdefault(tuple(own), len(sets)) for instance, own in inputs.items()}
+    for (instance, variable), output in outputs.items():
+        fmu = fmus[instance]
         if variable in fmu.initial_unknowns:
             needed = fmu.initial_unknowns[variable]
-        elif fmu.variables[variable].initial == "exact":
-            needed = ()
         else:
-            needed = None
-            assumed.add(output)
+            needed = () if fmu.variables[variable].initial == "exact" else None
         if needed is None:
-            edges.setdefault(("all", instance, ""), []).append(output)
-        for name in linked_ones(needed or (), inputs.get(instance, frozenset())):
-            edges[("in", instance, name)].append(output)
-    return edges, assumed
+            if variable not in fmu.initial_unknowns:
+                graph.assumed[output] = instance
+            if instance in hubs:
+                edges[hubs[instance]].append(output)
+            continue
+        if (own := inputs.get(instance)) is None:
+            continue
+        key = id(fmu), variable, linked[instance]
+        if key not in known:
+            known[key] = tuple(name for name in needed if name in own)
+        for name in known[key]:
+            edges[own[name]].append(output)
+    return graph
 
 
-def components(edges: Mapping[_Any, Sequence[_Any]]) -> dict[_Any, int]:
+def components(edges: Sequence[Sequence[int]]) -> list[int]:
     """Returns the number of each node's strongly connected component, counted against the direction of the edges.
+
+    Args:
+        edges: of each node, the nodes to which its edges lead.
 
     Source: R. Tarjan, Depth-first search and linear graph algorithms, SIAM J. Comput. 1 (1972); without recursion.
     """
-    index: dict[_Any, int] = {}
-    low: dict[_Any, int] = {}
-    component: dict[_Any, int] = {}
-    open_nodes: list[_Any] = []
-    count = 0
-    for root in edges:
-        if root in index:
+    index, low, component = [-1] * len(edges), [0] * len(edges), [-1] * len(edges)
+    open_nodes: list[int] = []
+    visited = count = 0
+    for root in range(len(edges)):
+        if index[root] >= 0:
             continue
         path = [(root, iter(edges[root]))]
-        index[root] = low[root] = len(index)
+        index[root] = low[root] = visited
+        visited += 1
         open_nodes.append(root)
         while path:
             node, following = path[-1]
             for target in following:
-                if target not in index:
-                    index[target] = low[target] = len(index)
+                if index[target] < 0:
+                    index[target] = low[target] = visited
+                    visited += 1
                     open_nodes.append(target)
                     path.append((target, iter(edges[target])))
                     break
-                if target not in component:
-                    low[node] = min(low[node], index[target])
+                if component[target] < 0 and index[target] < low[node]:
+                    low[node] = index[target]
             else:
                 path.pop()
-                if path:
-                    low[path[-1][0]] = min(low[path[-1][0]], low[node])
+                if path and low[node] < low[path[-1][0]]:
+                    low[path[-1][0]] = low[node]
                 if low[node] == index[node]:
                     while True:
                         member = open_nodes.pop()
@@ -141,16 +169,22 @@ def components(edges: Mapping[_Any, Sequence[_Any]]) -> dict[_Any, int]:
     return component
 
 
-def _levels(
-    edges: Mapping[_Node, Sequence[_Node]], component: Mapping[_Node, int], members: Mapping[int, Sequence[_Node]]
-) -> dict[int, int]:
-    """Returns the longest distance, in links, of each component from one without dependencies."""
-    level = dict.fromkeys(members, 0)
-    for number in sorted(members, reverse=True):  # Tarjan numbers a component after all that depend on it
-        for node in members[number]:
-            for target in edges[node]:
-                other = component[target]
-                if other != number:
-                    step = 1 if node[0] == "out" or len(members[number]) > 1 else 0
-                    level[other] = max(level[other], level[number] + step)
+def _levels(graph: _Graph, component: Sequence[int], sizes: Sequence[int]) -> list[int]:
+    """Returns the longest distance, in links, of each component from one without dependencies.
+
+    Args:
+        sizes: numbers of nodes of the components.
+    """
+    level = [0] * len(sizes)
+    is_output = bytearray(len(component))
+    for node in graph.outputs.values():
+        is_output[node] = True
+    # Tarjan numbers a component after all that depend on it.
+    for node in sorted(range(len(component)), key=component.__getitem__, reverse=True):
+        number = component[node]
+        reached = level[number] + (1 if is_output[node] or sizes[number] > 1 else 0)
+        for target in graph.edges[node]:
+            other = component[target]
+            if other != number and level[other] < reached:
+                level[other] = reached
     return level

@@ -425,15 +425,15 @@ def _groups(
     Independent groups, and the instances of a group, are sorted by the declared order, then by name.
     """
     number = {one.name: i for i, one in enumerate(checked.instances)}
-    edges: dict[int, list[int]] = {i: [] for i in number.values()}
+    edges: list[list[int]] = [[] for _ in number]
     for link in _immediate(checked.links, delays):
         edges[number[link.source[0]]].append(number[link.target[0]])
     component = components(edges)
     members: dict[int, list[int]] = {}
-    for i in sorted(edges, key=lambda i: (ranks[i], natural(checked.instances[i].name))):
+    for i in sorted(range(len(edges)), key=lambda i: (ranks[i], natural(checked.instances[i].name))):
         members.setdefault(component[i], []).append(i)
     after: dict[int, set[int]] = {c: set() for c in members}
-    for i, targets in edges.items():
+    for i, targets in enumerate(edges):
         after[component[i]] |= {component[j] for j in targets} - {component[i]}
     missing = dict.fromkeys(members, 0)
     for later in after.values():
