@@ -7,9 +7,9 @@ loaded.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import cache
+from itertools import chain
 from pathlib import Path
 
 from cosim_master.diagnostics.errors import Finding, Problem, SystemDescriptionError
@@ -31,7 +31,7 @@ from cosim_master.system.flatten.flat import (
 )
 from cosim_master.system.flatten.init_order import Stage, exchange_order
 from cosim_master.system.flatten.parameters import Bindings
-from cosim_master.system.flatten.topology.components import Part, assemble, measure
+from cosim_master.system.flatten.topology.components import Part, Port, assemble, measure
 from cosim_master.system.flatten.topology.sizes import check_sizes
 from cosim_master.system.flatten.topology.wiring import Wiring
 from cosim_master.system.reading.others.omsimulator import OMSIMULATOR
@@ -160,43 +160,31 @@ class _Check:
             first[part.name] = part
 
     def _links(self, parts: list[Part], wiring: Wiring) -> tuple[FlatConnection, ...]:
-        links: list[FlatConnection] = []
+        links: dict[str, list[FlatConnection]] = {}
         for part in parts:
-            written: dict[tuple[str, int, int | None], str] = {}
+            own = links[part.name] = list[FlatConnection]()
+            written: dict[tuple[str, int, int | None], Port] = {}
             for port in part.ports.values():
-                if port not in wiring.incoming or port.variable is None:
+                variable = port.form.variable
+                if variable is None or port not in wiring.incoming:
                     continue
                 connection = wiring.incoming[port][0]
-                key = (port.variable.type, port.variable.value_reference, port.variable.element)
+                key = (variable.type, variable.value_reference, variable.element)
                 if key in written:
                     text = f'"{port}" and "{written[key]}" are the same variable of the FMU, and both are written'
                     self.problems.append(Problem(connection.where, text))
-                written[key] = str(port)
-                route = wiring.route(port)
-                if route.source is None or port.variable.causality == "structuralParameter":
+                written[key] = port
+                if variable.causality == "structuralParameter":
                     continue
-                source = (route.source.part.name, route.source.name)
-                initial_only = port.variable.causality == "parameter"
-                mapping = tuple(sorted((key, value) for key, value in route.mapping.items() if key != value))
-                ends = (source, (part.name, port.name))
-                recoded = ""
-                if {route.source.type, port.type} == {"String", "Binary"}:
-                    recoded = "to bytes" if port.type == "Binary" else "to text"
-                term = 0 if port in wiring.further else None
-                links.append(
-                    FlatConnection(
-                        *ends, route.factor, route.offset, initial_only, connection.where, mapping, recoded, term
-                    )
-                )
-                for number, (other, origin) in enumerate(wiring.further.get(port, ()), start=1):
-                    route = wiring.hop(wiring.route(origin), other, port)
-                    if route.source is not None:
-                        source = (route.source.part.name, route.source.name)
-                        links.append(
-                            FlatConnection(source, ends[1], route.factor, route.offset, False, other.where, term=number)
-                        )
-        order = cache(natural)
-        return tuple(sorted(links, key=lambda link: (order(link.target[0]), order(link.target[1]))))
+                if (link := _flat(part, port, wiring)) is not None:
+                    own.append(link)
+                if port in wiring.further:
+                    own += _terms(part, port, wiring)
+        names = {link.target[1] for own in links.values() for link in own}
+        rank = {name: i for i, name in enumerate(sorted(names, key=natural))}
+        for own in links.values():
+            own.sort(key=lambda link: rank[link.target[1]])
+        return tuple(chain.from_iterable(links[name] for name in sorted(links, key=natural)))
 
     def _aliases(self, root: Part, wiring: Wiring) -> tuple[Alias, ...]:
         aliases = []
@@ -208,8 +196,9 @@ class _Check:
                 if route.source is not None:
                     name = f"{part.name}.{port.name}" if part.name else port.name
                     source = (route.source.part.name, route.source.name)
-                    mapping = tuple(sorted(route.mapping.items()))
-                    aliases.append(Alias(name, source, route.factor, route.offset, route.unit, mapping))
+                    way = route.way
+                    mapping = tuple(sorted(way.mapping.items()))
+                    aliases.append(Alias(name, source, way.factor, way.offset, way.unit, mapping))
         return tuple(sorted(aliases, key=lambda alias: natural(alias.name)))
 
     def _annotations(self, root: Part) -> tuple[OwnedAnnotation, ...]:
@@ -326,3 +315,37 @@ class _Check:
         if wiring.truths:
             where, count = wiring.truths[0].where, len(wiring.truths)
             self.notes.append(f"{count} connections join a Boolean to a number: true is 1, false 0; the first: {where}")
+
+
+def _flat(part: Part, port: Port, wiring: Wiring) -> FlatConnection | None:
+    """Returns the link to a port of an FMU, the first one if its value is a sum; None if nothing drives the port."""
+    connection, route, form = wiring.incoming[port][0], wiring.route(port), port.form
+    if route.source is None:
+        return None
+    way, origin = route.way, route.source.form
+    recoded = ""
+    if origin.type != form.type and {origin.type, form.type} == {"String", "Binary"}:
+        recoded = "to bytes" if form.type == "Binary" else "to text"
+    return FlatConnection(
+        (route.source.part.name, origin.name),
+        (part.name, form.name),
+        way.factor,
+        way.offset,
+        form.variable is not None and form.variable.causality == "parameter",
+        connection.where,
+        tuple(sorted((key, value) for key, value in way.mapping.items() if key != value)) if way.mapping else (),
+        recoded,
+        0 if port in wiring.further else None,
+    )
+
+
+def _terms(part: Part, port: Port, wiring: Wiring) -> Iterator[FlatConnection]:
+    """Yields the further links to a port whose value is a sum."""
+    if wiring.route(port).source is None:
+        return
+    for number, (connection, origin) in enumerate(wiring.further[port], start=1):
+        route = wiring.hop(wiring.route(origin), connection, port)
+        if route.source is not None:
+            ends = (route.source.part.name, route.source.form.name), (part.name, port.form.name)
+            way = route.way
+            yield FlatConnection(*ends, way.factor, way.offset, False, connection.where, term=number)

@@ -19,7 +19,7 @@ from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.description.units import UndefinedUnit, Unit, UnitError, conversion
 from cosim_master.fmi.description.variables import INTEGER_RANGES
 from cosim_master.system.flatten.topology.components import Part, Port, element_name, indices_of
-from cosim_master.system.flatten.topology.wiring import SENDING, Route, Wiring
+from cosim_master.system.flatten.topology.wiring import SENDING, Route, Way, Wiring
 from cosim_master.system.flatten.typed_values import converted, kind_of, of_type, unsettable
 from cosim_master.system.reading.ssp.grammar import SAME_TYPE
 from cosim_master.system.structure import (
@@ -145,8 +145,11 @@ class Bindings:
         constants are therefore taken from descriptions.
         """
         for port, (connection, _) in self._wiring.incoming.items():
-            variable, route = port.variable, self._wiring.route(port)
-            if variable is None or variable.causality != "structuralParameter" or route.source is None:
+            variable = port.form.variable
+            if variable is None or variable.causality != "structuralParameter":
+                continue
+            route = self._wiring.route(port)
+            if route.source is None:
                 continue
             constant = route.source.variable
             if constant is None or constant.start is None:
@@ -154,8 +157,9 @@ class Bindings:
                 continue
             value: Value = constant.start
             if not isinstance(value, str):
-                value = type(value)(route.mapping[int(value)]) if value in route.mapping else value
-                value = value if (route.factor, route.offset) == (1.0, 0.0) else route.factor * value + route.offset
+                way = route.way
+                value = type(value)(way.mapping[int(value)]) if value in way.mapping else value
+                value = value if (way.factor, way.offset) == (1.0, 0.0) else way.factor * value + way.offset
             parameter = Parameter(constant.name, constant.type, value, connection.where)
             self._applied = route.source.part, constant.name, parameter
             self._store_value(port.part, variable, value, parameter)
@@ -312,7 +316,7 @@ class Bindings:
         if trouble is not None:
             self._problems.append(Problem(parameter.where, f'"{parameter.name}" {trouble}'))
             return
-        start = Route(None, 1.0, 0.0, unit, kind, target.items)
+        start = Route(None, Way(1.0, 0.0, unit, kind, target.items))
         if target.kind in SENDING:
             self._backwards(target, value, start, parameter)
             return
@@ -323,11 +327,12 @@ class Bindings:
             route = start
             for connection, port in connections:
                 route = self._wiring.hop(route, connection, port)
-            number = route.mapping.get(value, value) if isinstance(value, int) else value
+            way = route.way
+            number = way.mapping.get(value, value) if isinstance(value, int) else value
             if isinstance(number, bool) and (variable.type in _FLOATS or variable.type in INTEGER_RANGES):
                 number = int(number)
             if variable.type in _FLOATS and not isinstance(number, str | bool):
-                number = route.factor * float(number) + route.offset
+                number = way.factor * float(number) + way.offset
             self._store_value(inner, variable, number, parameter)
 
     def _look_at_units(self, parameter: Parameter, kind: str, unit: Unit | None) -> None:
@@ -348,16 +353,17 @@ class Bindings:
         if route.source is None or route.source.variable is None:
             self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: nothing drives {port}')
             return
-        if route.mapping:
+        way = route.way
+        if way.mapping:
             text = MAPPED_BACK.text(parameter.name, port)
             self._problems.append(Problem(parameter.where, text))
             return
-        if start.type in _FLOATS and not isinstance(value, str | bool):
-            if route.factor == 0.0:
+        if start.way.type in _FLOATS and not isinstance(value, str | bool):
+            if way.factor == 0.0:
                 text = f'"{parameter.name}" cannot be set: what leads to {port} has the factor 0'
                 self._problems.append(Problem(parameter.where, text))
                 return
-            value = (float(value) - route.offset) / route.factor
+            value = (float(value) - way.offset) / way.factor
         self._store_value(route.source.part, route.source.variable, value, parameter)
 
     def _driven(self, port: Port) -> Iterator[tuple[Part, Variable, tuple[tuple[Connection, Port], ...]]]:

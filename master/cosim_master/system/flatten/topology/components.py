@@ -7,7 +7,7 @@ problem. Array connectors of systems become one port per element. Connections ar
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, cast
@@ -30,20 +30,21 @@ from cosim_master.system.structure import (
     System,
 )
 
-__all__ = ["Part", "Port", "assemble", "element_name", "indices_of", "measure"]
+__all__ = ["Form", "Part", "Port", "assemble", "element_name", "indices_of", "measure"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Port:
-    """A connector of a part, with properties missing in its file taken from the FMU. It is compared by identity.
+class Form:
+    """A connector, with properties missing in its file taken from the FMU. It is compared by identity.
+
+    Parts that use one connector with one FMU share it: a thousand drones have sixty thousand ports of as many forms as
+    one drone.
 
     Attributes:
         variable: the FMU's variable, for a connector of an FMU.
-        entry: the signal that it represents, for a connector of a reference to a signal dictionary.
         interval_variability: of a Clock; None if neither file declares it.
     """
 
-    part: Part
     name: str
     kind: Kind
     where: Where
@@ -52,7 +53,6 @@ class Port:
     items: Mapping[str, int] | None
     variable: Variable | None = None
     mime_type: str | None = None
-    entry: Port | None = None
     interval_variability: str | None = None
 
     @property
@@ -60,9 +60,46 @@ class Port:
         """True for a Clock that ticks by itself: an input of its FMU that drives others (SSP 2.0, 5.3.2.1)."""
         return self.interval_variability not in (None, "triggered")
 
+
+@dataclass(slots=True, eq=False)
+class Port:
+    """A connector of a part. It is compared by identity.
+
+    Attributes:
+        entry: the signal that it represents, for a connector of a reference to a signal dictionary.
+    """
+
+    part: Part
+    form: Form
+    entry: Port | None = None
+
+    @property
+    def name(self) -> str:
+        return self.form.name
+
+    @property
+    def kind(self) -> Kind:
+        return self.form.kind
+
+    @property
+    def type(self) -> str | None:
+        return self.form.type
+
+    @property
+    def unit(self) -> Unit | None:
+        return self.form.unit
+
+    @property
+    def items(self) -> Mapping[str, int] | None:
+        return self.form.items
+
+    @property
+    def variable(self) -> Variable | None:
+        return self.form.variable
+
     def __str__(self) -> str:
         owner = self.part.element.name
-        return f"{owner}.{self.name}" if owner else self.name
+        return f"{owner}.{self.form.name}" if owner else self.form.name
 
 
 @dataclass(slots=True, eq=False)
@@ -162,8 +199,8 @@ class _Assembly:
         self.sized = sized
         self.problems = problems
         self.notes = notes
-        self._alike: dict[tuple[int, int], tuple[Connector, tuple[Any, ...]]] = {}
-        """(id of a connector, id of an FMU) -> the connector, and the fields of its port after the part."""
+        self._alike: dict[tuple[int, int], Part] = {}
+        """A part without findings, by the ids of its element and of its FMU."""
 
     def part(self, element: Element, parent: Part | None) -> Part:
         if parent is None:
@@ -182,8 +219,7 @@ class _Assembly:
             part.fmu = self.sized.get(name) or (None if element.source is None else self.fmus.get(element.source))
             part.broken = part.fmu is None
         if part.system is None:
-            for connector in element.connectors:
-                self._fmu_port(part, connector)
+            self._fmu_ports(part)
             return part
         self._dictionaries(part, part.system)
         own = {connector.name: connector for connector in element.connectors} if element is not part.system else {}
@@ -200,7 +236,8 @@ class _Assembly:
         for dictionary in system.signal_dictionaries:
             holder = Part(f"{part.name}.{dictionary.name}" if part.name else dictionary.name, system, part)
             for entry in dictionary.entries.values():
-                self._ports(holder, entry, Port(holder, entry.name, "inout", entry.where, *_described(entry)))
+                form = Form(entry.name, "inout", entry.where, *_described(entry))
+                self._ports(holder, entry, Port(holder, form))
             part.dictionaries.setdefault(dictionary.name, holder)
 
     def _reference(self, part: Part, element: SignalDictionaryReference) -> None:
@@ -230,19 +267,20 @@ class _Assembly:
                 self.problems.append(Problem(connector.where, text))
             for indices in indices_of(shape or ()):
                 entry = holder.ports[element_name(connector.name, indices)]
-                if None not in (connector.type, entry.type) and connector.type != entry.type:
-                    text = f'"{connector.name}" is {connector.type}, but its signal is {entry.type}, at {entry.where}'
+                signal = entry.form
+                if None not in (connector.type, signal.type) and connector.type != signal.type:
+                    text = f'"{connector.name}" is {connector.type}, but its signal is {signal.type}, at {signal.where}'
                     self.problems.append(Problem(connector.where, text))
-                port = Port(part, entry.name, connector.kind, connector.where, *_described(connector))
-                kept = replace(
-                    port,
-                    type=connector.type or entry.type,
-                    unit=connector.unit or entry.unit,
-                    items=connector.items or entry.items,
-                    mime_type=connector.mime_type or entry.mime_type,
-                    entry=entry,
+                form = Form(
+                    name=signal.name,
+                    kind=connector.kind,
+                    where=connector.where,
+                    type=connector.type or signal.type,
+                    unit=connector.unit or signal.unit,
+                    items=connector.items or signal.items,
+                    mime_type=connector.mime_type or signal.mime_type,
                 )
-                part.ports[entry.name] = kept
+                part.ports[signal.name] = Port(part, form, entry)
             if shape is not None:
                 part.shapes[connector.name] = shape
 
@@ -261,7 +299,7 @@ class _Assembly:
             if name in part.ports:
                 text = f'element "{name}" of an array connector is a connector of its own as well'
                 self.problems.append(Problem(connector.where, text))
-            part.ports[name] = replace(port, name=name)
+            part.ports[name] = replace(port, form=replace(port.form, name=name))
 
     def settle(self, root: Part) -> None:
         """Gives array connectors of open size the size of the connectors at the other end, through all systems."""
@@ -278,7 +316,7 @@ class _Assembly:
             known += [((target, open_name), end) for end in ends if end[1] in end[0].open]
         for part, name in waiting:
             if name not in part.shapes:
-                self.problems.append(Problem(part.open[name][1].where, OPEN_SIZE.text(name)))
+                self.problems.append(Problem(part.open[name][1].form.where, OPEN_SIZE.text(name)))
                 self._resize(part, name, (1,) * len(part.open[name][0].dimensions))
 
     @staticmethod
@@ -303,8 +341,7 @@ class _Assembly:
                 text = f'connector "{inner.name}" has other dimensions here than inside, at {inner.where}'
                 self.problems.append(Problem(outer.where, text))
             self._same_unit(outer, inner.unit, f"inside, at {inner.where}")
-        port = Port(
-            part=part,
+        form = Form(
             name=inner.name,
             kind=inner.kind,
             where=inner.where if outer is None else outer.where,
@@ -317,23 +354,29 @@ class _Assembly:
         if outer is not None and outer.dimensions:
             said = zip(inner.dimensions, outer.dimensions, strict=False)
             inner = replace(inner, dimensions=tuple(a if a.size is not None else Dimension(b.size) for a, b in said))
-        self._ports(part, inner, port)
+        self._ports(part, inner, Port(part, form))
 
-    def _fmu_port(self, part: Part, connector: Connector) -> None:
-        """Adds a connector of an FMU; without findings, it is the same for all parts that use its file."""
-        key = id(connector), id(part.fmu)
-        if key in self._alike:
-            part.ports[connector.name] = Port(part, *self._alike[key][1])
+    def _fmu_ports(self, part: Part) -> None:
+        """Adds the connectors of an FMU; without findings, they are the same for all parts that use its file."""
+        key = id(part.element), id(part.fmu)
+        if (alike := self._alike.get(key)) is not None:
+            part.ports = {name: Port(part, port.form) for name, port in alike.ports.items()}
+            part.shapes = alike.shapes.copy()
             return
         findings = len(self.problems), len(self.notes)
+        for connector in part.element.connectors:
+            self._fmu_port(part, connector)
+        if findings == (len(self.problems), len(self.notes)):
+            self._alike[key] = part
+
+    def _fmu_port(self, part: Part, connector: Connector) -> None:
         variable = None if part.fmu is None else part.fmu.variables.get(connector.name)
         if part.fmu is not None and connector.name in part.fmu.shapes:
             self._fmu_array(part, connector, part.fmu)
             return
         if part.fmu is None or variable is None:
-            part.ports[connector.name] = Port(
-                part, connector.name, connector.kind, connector.where, *_described(connector)
-            )
+            form = Form(connector.name, connector.kind, connector.where, *_described(connector))
+            part.ports[connector.name] = Port(part, form)
         if part.fmu is None:
             return
         file = part.fmu.path.name
@@ -358,11 +401,10 @@ class _Assembly:
         self._same_unit(connector, variable.unit, f"in {part.fmu.path.name}")
         if connector.type == "Enumeration" and variable.type == "Enumeration":
             self._same_items(connector, variable, part.fmu)
-        port = Port(
-            part,
-            connector.name,
-            kind,
-            connector.where,
+        form = Form(
+            name=connector.name,
+            kind=kind,
+            where=connector.where,
             type=_exact(variable),
             unit=_said(connector.unit, variable.unit),
             items=variable.items or connector.items,
@@ -370,9 +412,7 @@ class _Assembly:
             mime_type=connector.mime_type or variable.mime_type,
             interval_variability=variable.clock.kind if variable.clock is not None else None,
         )
-        part.ports[connector.name] = port
-        if findings == (len(self.problems), len(self.notes)):
-            self._alike[key] = connector, tuple(getattr(port, one.name) for one in fields(Port))[1:]
+        part.ports[connector.name] = Port(part, form)
 
     def _fmu_array(self, part: Part, connector: Connector, fmu: FmuDescription) -> None:
         """Returns an array of FMI 3 as one connector, with one port per element."""
@@ -453,7 +493,7 @@ def _said(own: Unit | None, other: Unit | None) -> Unit | None:
 
 
 def _described(connector: Connector) -> tuple[Any, ...]:
-    """Returns type, unit, items, no variable, and MIME type, as in `Port`."""
+    """Returns type, unit, items, no variable, and MIME type, as in `Form`."""
     return connector.type, connector.unit, connector.items, None, connector.mime_type
 
 

@@ -14,7 +14,7 @@ from cosim_master.diagnostics.errors import Finding, Problem, Where
 from cosim_master.diagnostics.limitations import DIRECTION, NARROWING
 from cosim_master.diagnostics.names import near
 from cosim_master.fmi.description.units import UndefinedUnit, Unit, UnitError, conversion
-from cosim_master.system.flatten.topology.components import Part, Port, element_name, indices_of
+from cosim_master.system.flatten.topology.components import Form, Part, Port, element_name, indices_of
 from cosim_master.system.flatten.topology.conversions import (
     MappedEnd,
     compatible,
@@ -30,7 +30,7 @@ from cosim_master.system.structure import (
     System,
 )
 
-__all__ = ["SENDING", "Route", "Wiring"]
+__all__ = ["SENDING", "Route", "Way", "Wiring"]
 
 # Which connectors may be joined: owner and kind of the source, owner and kind of the destination
 # (SSP 2.0, section 5.3.2.1 "Allowed Connections"; what SSP 1.0 allows is a part of it).
@@ -63,15 +63,13 @@ SENDING = ("output", "calculatedParameter", "constant", "local")
 """Kinds of an FMU's connectors that may be sources."""
 
 
-@dataclass(frozen=True, slots=True)
-class Route:
-    """The source of a port's value: value = factor * mapped(source) + offset, in `unit`, as `type`.
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """What becomes of a value on its way to a port: factor * mapped(value) + offset, in `unit`, as `type`.
 
-    `source` is None while nothing drives the port; type and unit are then its own. `mapping` contains integers and
-    booleans that are replaced by others.
+    `mapping` contains integers and booleans that are replaced by others. It is compared by identity.
     """
 
-    source: Port | None
     factor: float = 1.0
     offset: float = 0.0
     unit: Unit | None = None
@@ -81,13 +79,24 @@ class Route:
     mime_type: str | None = None
 
 
+@dataclass(slots=True, eq=False)
+class Route:
+    """The source of a port's value, and the way from it.
+
+    `source` is None while nothing drives the port; type and unit of the way are then its own.
+    """
+
+    source: Port | None
+    way: Way
+
+
 def _packets(route: Route, target: Port) -> bool:
     """Returns whether a route carries packets between FMUs of different FMI versions.
 
     Packets are base64 text in a String of FMI 2, bytes in a Binary of FMI 3.
     """
     ends = [port.variable for port in (route.source, target) if port is not None]
-    both = {route.type, target.type} == {"String", "Binary"}
+    both = {route.way.type, target.type} == {"String", "Binary"}
     return both and route.source is not None and all(v is None or v.packet_capacity is not None for v in ends)
 
 
@@ -118,6 +127,11 @@ class Wiring:
         self.findings: list[Finding] = []
         self._problems = problems
         self._routes: dict[Port, Route] = {}
+        self._directions: dict[int, tuple[Form, Form, bool]] = {}
+        """Of a connection without problems, by its id: the forms of its ends, and whether it leads from the first."""
+        self._hops: dict[int, tuple[Way, Form, Way]] = {}
+        """Of a connection without remarks, by its id: a way to it, the form at its end, and the way to there."""
+        self._starts: dict[Form, Way] = {}
         for part in root.walk():
             if part.system is not None:
                 for connection in part.system.connections:
@@ -135,15 +149,17 @@ class Wiring:
         ]
         for port in ports:
             if port in self.incoming and port.entry is not None:
-                self._flow(Connection(None, port.name, None, port.name, port.where), port, port.entry)
+                self._flow(Connection(None, port.name, None, port.name, port.form.where), port, port.entry)
         for port in ports:
             if port not in self.incoming and port.entry is not None:
-                self._flow(Connection(None, port.name, None, port.name, port.where), port.entry, port)
+                self._flow(Connection(None, port.name, None, port.name, port.form.where), port.entry, port)
 
     def _problem(self, where: Where, text: str) -> None:
         self._problems.append(Problem(where, text))
 
     def _connect(self, part: Part, connection: Connection) -> None:
+        if self._connect_alike(part, connection):
+            return
         where = connection.where
         start = self._ports(part, connection.start_element, connection.start_connector, connection.start_indices, where)
         end = self._ports(part, connection.end_element, connection.end_connector, connection.end_indices, where)
@@ -154,17 +170,33 @@ class Wiring:
             text = f"cannot connect {shapes[0]} with {shapes[1]}; valid: equal dimensions, or one element of an array"
             self._problem(where, text)
             return
+        problems = len(self._problems)
         for one, other in zip(start[1], end[1], strict=True):
             if (ends := self._directed(part, connection, one, other)) is None:
                 return
+            if len(self._problems) == problems:
+                self._directions[id(connection)] = one.form, other.form, ends[0] is one
             self._flow(connection, *ends)
+
+    def _connect_alike(self, part: Part, connection: Connection) -> bool:
+        """Connects a part as an earlier one of the same contents, if both ends are single ports of the same forms."""
+        if (known := self._directions.get(id(connection))) is None:
+            return False
+        start = part if connection.start_element is None else part.children.get(connection.start_element)
+        end = part if connection.end_element is None else part.children.get(connection.end_element)
+        one = None if start is None else start.ports.get(connection.start_connector)
+        other = None if end is None else end.ports.get(connection.end_connector)
+        if one is None or other is None or one.form is not known[0] or other.form is not known[1]:
+            return False
+        self._flow(connection, *((one, other) if known[2] else (other, one)))
+        return True
 
     def _directed(self, part: Part, connection: Connection, start: Port, end: Port) -> tuple[Port, Port] | None:
         """Returns source and target of a connection, by owner and kind."""
         ports = (start, end)
         owners = ["system" if port.part is part else "element" for port in ports]
         kinds = [_KINDS if port.kind == "unspecified" else (port.kind,) for port in ports]
-        kinds = [("output",) if port.ticks else kind for port, kind in zip(ports, kinds, strict=True)]
+        kinds = [("output",) if port.form.ticks else kind for port, kind in zip(ports, kinds, strict=True)]
 
         forward = _is_allowed(owners[0], kinds[0], owners[1], kinds[1])
         backward = _is_allowed(owners[1], kinds[1], owners[0], kinds[0])
@@ -172,8 +204,8 @@ class Wiring:
             self._same_variability(connection, start, end)
             return (start, end) if forward else (end, start)
         for port, other in (ports, ports[::-1]):
-            if port.ticks and other.type in ("Clock", None):
-                what = f"{port} is a {port.interval_variability} Clock, which ticks by itself"
+            if port.form.ticks and other.type in ("Clock", None):
+                what = f"{port} is a {port.form.interval_variability} Clock, which ticks by itself"
                 text = f"{what}: it can drive a triggered input Clock, but {other} is none"
                 self._problem(connection.where, text)
                 return None
@@ -196,7 +228,7 @@ class Wiring:
 
     def _same_variability(self, connection: Connection, start: Port, end: Port) -> None:
         """Checks that a Clock of an element and one of the system tick in the same way (SSP 2.0, 5.3.2.1)."""
-        kinds = start.interval_variability, end.interval_variability
+        kinds = start.form.interval_variability, end.form.interval_variability
         of_system = connection.start_element is None or connection.end_element is None
         if of_system and None not in kinds and kinds[0] != kinds[1]:
             text = f"{start} is a {kinds[0]} Clock and {end} a {kinds[1]} one; both must have one intervalVariability"
@@ -254,6 +286,8 @@ class Wiring:
 
     def route(self, port: Port) -> Route:
         """Returns the source of a port, which may be connected through several systems."""
+        if (route := self._routes.get(port)) is not None:
+            return route
         chain: list[Port] = []
         while port not in self._routes and (found := self.incoming.get(port)) is not None:
             if port in chain:
@@ -264,9 +298,11 @@ class Wiring:
             port = found[1]
         route = self._routes.get(port)
         if route is None:
-            source = port if port.variable is not None and (port.kind in SENDING or port.ticks) else None
-            route = Route(source, 1.0, 0.0, port.unit, port.type, port.items, {}, port.mime_type)
-            self._routes[port] = route
+            form = port.form
+            source = port if form.variable is not None and (form.kind in SENDING or form.ticks) else None
+            if (start := self._starts.get(form)) is None:
+                start = self._starts[form] = Way(1.0, 0.0, form.unit, form.type, form.items, {}, form.mime_type)
+            route = self._routes[port] = Route(source, start)
         for target in reversed(chain):
             if target not in self._routes:
                 self._routes[target] = self.hop(route, self.incoming[target][0], target)
@@ -275,44 +311,59 @@ class Wiring:
 
     def hop(self, route: Route, connection: Connection, target: Port) -> Route:
         """Returns a route with one more connection: unit conversion first, then the transformation (SSP 2.0, 4.5.2)."""
-        if not compatible(route.type, target.type) and not _packets(route, target):
+        known = self._hops.get(id(connection))
+        if known is not None and known[0] is route.way and known[1] is target.form:
+            return Route(route.source, known[2])
+        remarks = self._remarks()
+        way = self._further(route, connection, target)
+        if self._remarks() == remarks:
+            self._hops[id(connection)] = route.way, target.form, way
+        return Route(route.source, way)
+
+    def _remarks(self) -> int:
+        return len(self._problems) + len(self.truths) + len(self.unit_gaps) + len(self.findings)
+
+    def _further(self, route: Route, connection: Connection, target: Port) -> Way:
+        """Returns the way of a route with one more connection."""
+        way = route.way
+        if not compatible(way.type, target.type) and not _packets(route, target):
             source = self.incoming[target][1]
-            self._problem(connection.where, NARROWING.text(source, route.type, target, target.type))
-            return Route(route.source, 1.0, 0.0, target.unit, target.type, target.items)
-        if route.type == "Boolean" and target.type not in (None, "Boolean", "String", "Binary"):
+            self._problem(connection.where, NARROWING.text(source, way.type, target, target.type))
+            return Way(1.0, 0.0, target.unit, target.type, target.items)
+        if way.type == "Boolean" and target.type not in (None, "Boolean", "String", "Binary"):
             self.truths.append(connection)
-        kind = target.type or route.type
+        kind = target.type or way.type
         table = connection.transformation
-        mapping = route.mapping
+        mapping = way.mapping
         if isinstance(table, MappingTransformation):
             ends = (
-                MappedEnd("what drives it", route.type, route.items),
+                MappedEnd("what drives it", way.type, way.items),
                 MappedEnd(str(target), target.type, target.items),
             )
             entries = mapping_entries(table, *ends, self._problems)
             keys = {*mapping, *entries}
             mapping = {key: entries.get(mapping.get(key, key), mapping.get(key, key)) for key in keys}
-        elif route.items and target.items and not (route.items.items() <= target.items.items()):
-            given, wanted = listed(route.items), listed(target.items)
+        elif way.items and target.items and not (way.items.items() <= target.items.items()):
+            given, wanted = listed(way.items), listed(target.items)
             self._problem(connection.where, f"{target} has the enumeration items {wanted}; what drives it has {given}")
-        if mime_types_differ(route.mime_type, target.mime_type):
-            text = f"{target} takes {target.mime_type}; what drives it is {route.mime_type}"
+        mime_type = target.form.mime_type
+        if mime_types_differ(way.mime_type, mime_type):
+            text = f"{target} takes {mime_type}; what drives it is {way.mime_type}"
             self._problem(connection.where, text)
-        factor, offset, unit = self._converted(route.unit, connection, target)
+        factor, offset, unit = self._converted(way.unit, connection, target)
         if isinstance(table, LinearTransformation):
             if kind not in (None, "Real", "Float32"):
                 text = f"a LinearTransformation needs a Real, but {target} is {kind}"
                 self._problem(connection.where, text)
             factor, offset = table.factor * factor, table.factor * offset + table.offset
-        return Route(
-            source=route.source,
-            factor=factor * route.factor,
-            offset=factor * route.offset + offset,
+        return Way(
+            factor=factor * way.factor,
+            offset=factor * way.offset + offset,
             unit=unit,
             type=kind,
-            items=target.items or (None if isinstance(table, MappingTransformation) else route.items),
+            items=target.items or (None if isinstance(table, MappingTransformation) else way.items),
             mapping=mapping,
-            mime_type=target.mime_type or route.mime_type,
+            mime_type=mime_type or way.mime_type,
         )
 
     def _converted(self, unit: Unit | None, connection: Connection, target: Port) -> tuple[float, float, Unit | None]:
