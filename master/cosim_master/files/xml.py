@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias, cast
 
 from lxml import etree
@@ -30,7 +30,7 @@ _LATER = "is of SSP 2.0, but the file says that it is of version 1"
 
 def local_name(element: etree._Element) -> str:
     """Returns the name of an element without its namespace."""
-    return etree.QName(element).localname
+    return str(element.tag).rpartition("}")[2]
 
 
 def line_of(element: etree._Element) -> int | None:
@@ -81,6 +81,7 @@ class Form:
         later: attributes and children that only version 2 of the standard defines.
         opaque: the children belong to another tool and are ignored.
         free: the attributes are not checked either.
+        ranks: places of `children` in their order; equal for those that may be in any order.
     """
 
     required: tuple[str, ...] = ()
@@ -94,6 +95,20 @@ class Form:
     later: frozenset[str] = frozenset()
     opaque: bool = False
     free: bool = False
+    ranks: Mapping[str, int] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ranks", {tag: self._rank(tag) for tag in self.children})
+
+    def _rank(self, tag: str) -> int:
+        if self.unordered:
+            return 0
+        for choice in self.choices:
+            if tag in choice:
+                return min(self.children.index(member) for member in choice)
+        if tag in self.repeated and self.filled:
+            return min(self.children.index(member) for member in self.repeated)
+        return self.children.index(tag)
 
 
 Grammar: TypeAlias = Mapping[str, Form]
@@ -129,62 +144,51 @@ class Reader:
         return self._children(element, form)
 
     def _attributes(self, element: etree._Element, form: Form) -> None:
-        name = local_name(element)
-        for attribute in map(str, element.attrib):
-            if attribute.startswith(_XSI):
-                continue
+        attributes = [*map(str, element.keys())]
+        for attribute in attributes:
             if attribute in form.required or attribute in form.optional:
                 if attribute in form.later and self.version < 2:
-                    self.problem(element, f'attribute "{attribute}" of <{name}> {_LATER}')
-            else:
+                    self.problem(element, f'attribute "{attribute}" of <{local_name(element)}> {_LATER}')
+            elif not attribute.startswith(_XSI):
                 hint = near(attribute, form.required + form.optional)
-                self.problem(element, f'<{name}> has no attribute "{attribute}"; {hint}')
+                self.problem(element, f'<{local_name(element)}> has no attribute "{attribute}"; {hint}')
         for attribute in form.required:
-            if attribute not in element.attrib:
-                self.problem(element, f'<{name}> needs the attribute "{attribute}"')
+            if attribute not in attributes:
+                self.problem(element, f'<{local_name(element)}> needs the attribute "{attribute}"')
 
     def _children(self, element: etree._Element, form: Form) -> Sequence[etree._Element]:
-        name, accepted, reached = local_name(element), [], -1
+        accepted, reached = [], -1
         seen: dict[str, etree._Element] = {}
         for child in element:
             tag = str(child.tag)
             if tag in form.later and self.version < 2:
-                self.problem(child, f"<{local_name(child)}> in <{name}> {_LATER}")
+                self.problem(child, f"<{local_name(child)}> in <{local_name(element)}> {_LATER}")
                 continue
             if tag not in form.children:
-                self.problem(child, self._unknown_child(child, name, form))
+                self.problem(child, self._unknown_child(child, local_name(element), form))
                 continue
             if tag in seen and tag not in form.repeated:
-                self.problem(child, f"<{name}> may hold only one <{local_name(child)}>")
+                self.problem(child, f"<{local_name(element)}> may hold only one <{local_name(child)}>")
                 continue
-            rank = self._rank(tag, form)
+            rank = form.ranks[tag]
             if rank < reached:
+                name = local_name(element)
                 self.problem(child, f"<{local_name(child)}> in <{name}> comes too late; order: {_order(form)}")
             reached = max(reached, rank)
             accepted.append(child)
             seen.setdefault(tag, child)
         for tag in form.mandatory:
             if tag not in seen:
-                self.problem(element, f"<{name}> needs a <{etree.QName(tag).localname}>")
+                self.problem(element, f"<{local_name(element)}> needs a <{etree.QName(tag).localname}>")
         if form.filled and not len(element):
             names = " or ".join(f"<{etree.QName(tag).localname}>" for tag in form.children)
-            self.problem(element, f"<{name}> is empty; it needs a {names}")
+            self.problem(element, f"<{local_name(element)}> is empty; it needs a {names}")
         for choice in form.choices:
             if len(several := [tag for tag in seen if tag in choice]) > 1:
                 names = " and ".join(f"<{etree.QName(tag).localname}>" for tag in several)
+                name = local_name(element)
                 self.problem(seen[several[-1]], f"<{name}> holds {names}; only one of them is allowed")
         return accepted
-
-    @staticmethod
-    def _rank(tag: str, form: Form) -> int:
-        if form.unordered:
-            return 0
-        for choice in form.choices:
-            if tag in choice:
-                return min(form.children.index(member) for member in choice)
-        if tag in form.repeated and form.filled:
-            return min(form.children.index(member) for member in form.repeated)
-        return form.children.index(tag)
 
     def _unknown_child(self, child: etree._Element, parent: str, form: Form) -> str:
         name, namespace = local_name(child), etree.QName(child).namespace

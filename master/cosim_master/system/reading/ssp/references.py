@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import parse_qsl, unquote, urlsplit
@@ -67,6 +68,9 @@ class Files:
     archives: list[ExtractedArchive] = field(default_factory=list)
     folders: dict[Path, File] = field(default_factory=dict)
     read: dict[Any, Any] = field(default_factory=dict)
+    found: dict[tuple[File, Target], tuple[str | None, File]] = field(default_factory=dict)
+    """Results of `resolved`: the components of a swarm refer to a few files."""
+    real_paths: dict[Path, Path] = field(default_factory=dict)
     unpacked_bytes: int = 0
     depth: int = 0
     """Nesting depth of the system that is being read."""
@@ -77,7 +81,7 @@ class Files:
         Raises:
             SystemDescriptionError: the file is not an archive, or the archive is refused.
         """
-        key = file.path.resolve()
+        key = self.real(file)
         if key not in self.folders:
             opened = ExtractedArchive()
             self.archives.append(opened)
@@ -97,8 +101,20 @@ class Files:
         found: _T = self.read[key]
         return found
 
+    def real(self, file: File) -> Path:
+        """Returns the path of a file without symbolic links."""
+        if file.path not in self.real_paths:
+            self.real_paths[file.path] = file.path.resolve()
+        return self.real_paths[file.path]
+
     def resolved(self, base: File, target: Target) -> tuple[str | None, File]:
         """Returns the problem with a reference in the file `base`; or None, and the existing file that it names."""
+        if (base, target) not in self.found:
+            self.found[base, target] = self._resolved(base, target)
+        return self.found[base, target]
+
+    @staticmethod
+    def _resolved(base: File, target: Target) -> tuple[str | None, File]:
         path = Path(os.path.normpath(base.path.parent / target.path))
         shown = os.path.normpath(Path(base.shown).parent / target.path)
         found = File(path, shown, base.boundary)
@@ -119,6 +135,7 @@ def is_file(path: Path) -> bool:
         return False
 
 
+@lru_cache
 def read_reference(uri: str) -> tuple[str | None, Target]:
     """Returns the problem with a URI reference; or None, and its target (RFC 3986, relative only)."""
     nowhere = Target("", None)

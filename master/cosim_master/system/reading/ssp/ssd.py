@@ -283,7 +283,7 @@ class Document:
         except SystemDescriptionError as error:
             self.files.problems += error.problems
             return None
-        key = (file.path.resolve(), "")
+        key = (self.files.real(file), "")
         if key in self.stack:
             self.reader.problem(element, f'"{source.shown}" contains itself')
             return None
@@ -387,10 +387,12 @@ class Document:
     def _bindings(
         self, element: etree._Element, fmu: File | None, content: System | None = None
     ) -> tuple[ParameterBinding, ...]:
+        if not (bindings := self._grandchildren(element, "ParameterBindings")):
+            return ()
         base = fmu
         if content is not None and element.get("source") is not None:
             base = File(content.document, content.where.path, self._boundary_of(content.document))
-        return tuple(self._binding(item, base) for item in self._grandchildren(element, "ParameterBindings"))
+        return tuple(self._binding(item, base) for item in bindings)
 
     def _boundary_of(self, document: Path) -> Path | None:
         return next((file.path for file in self.files.folders.values() if document.is_relative_to(file.path)), None)
@@ -458,7 +460,7 @@ class Document:
             _validate(root, file, self.files, probe.version)
             return found
 
-        return self.files.once((file.path.resolve(), file.member, tag), load, None)
+        return self.files.once((self.files.real(file), file.member, tag), load, None)
 
     def _versioned(self, element: etree._Element) -> None:
         """Gives an inline element without a version the version of the file, as OMSimulator does."""
