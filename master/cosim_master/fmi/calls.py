@@ -75,6 +75,7 @@ FUNCTIONS = (
     "fmi2SetRealInputDerivatives",
 )
 """FMI functions, by their numbers in rows and in failures of the loop."""
+_NUMBERS = {function: number for number, function in enumerate(FUNCTIONS)}
 
 CALL = np.dtype(
     [
@@ -136,9 +137,10 @@ class CallMemory:
 
     def put(self, numbers: Sequence[int]) -> int:
         """Returns the address of value references, which instances of the same FMU share."""
-        if (known := self._known.get(tuple(numbers))) is not None:
+        key = tuple(numbers)
+        if (known := self._known.get(key)) is not None:
             return known
-        address = self._known[tuple(numbers)] = self.take(4 * len(numbers))
+        address = self._known[key] = self.take(4 * len(numbers))
         first = address - self.memory.ctypes.data
         self.memory[first : first + 4 * len(numbers)] = np.array(numbers, np.uint32).view(np.uint8)
         return address
@@ -216,7 +218,7 @@ class Calls2:
         return self._row("fmi2SetRealInputDerivatives", references, typed, n, WIDTHS["Float64"])
 
     def _row(self, function: str, references: int, values: int, n: int, width: int = 0) -> Row:
-        return (self._address(function), self._handle, references, values, n, FUNCTIONS.index(function), width)
+        return (self._address(function), self._handle, references, values, n, _NUMBERS[function], width)
 
 
 class Calls3:
@@ -257,12 +259,12 @@ class Calls3:
     def packets(self, verb: str, places: PacketPlaces) -> Row:
         function = f"fmi3{verb}Binary"
         typed = self._memory.typed(values=places.value, n_values=1, sizes=places.size, sets=verb == "Set")
-        number = FUNCTIONS.index(function)
+        number = _NUMBERS[function]
         return (self._address(function), self._handle, places.reference, typed, 1, number, WIDTHS["Binary"])
 
     def input_derivatives(self, variables: Sequence[Variable], derivatives: int) -> Row:  # noqa: ARG002
         raise TypeError("FMI 3 has no derivatives of inputs")
 
     def _row(self, function: str, references: Sequence[int], values: int, n: int, width: int) -> Row:
-        number = FUNCTIONS.index(function)
+        number = _NUMBERS[function]
         return (self._address(function), self._handle, self._memory.put(references), values, n, number, width)

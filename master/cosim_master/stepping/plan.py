@@ -59,8 +59,8 @@ _BLOCK_BYTES = 1 << 20
 """Of values; a block should remain in the processor's cache until it is handed over."""
 _COUNTERS, _SHARED_AT = 21, 512
 """Number of counters, and the place of `Plan.shared` in the page that begins with them, bytes."""
-
-
+_BOUNDS = ("first_set", "first_set_value", "last_set", "first_get", "last_get")
+"""The columns of INSTANCE with numbers of calls."""
 _WORTH_EXPECTING = 256
 """Least number of free instances whose memory is prefetched; fewer stay in the cache of a core."""
 
@@ -356,19 +356,20 @@ class _Side:
     def __init__(self, verb: str, variables: Sequence[Variable], reals: Any, integers: Any) -> None:
         self.reals = reals.size
         self._verb, self._variables = verb, variables
+        self._settled = [one.settled for one in variables]
         self._real_values, self._int_values = reals.ctypes.data, integers.ctypes.data
 
     def first_settled(self, first: Sequence[int], last: Sequence[int]) -> list[int]:
         """Returns the first variable of each kind that never changes; they are behind those that may."""
         return [
-            int(begin) + sum(not one.settled for one in self._variables[begin:end])
+            begin + sum(not settled for settled in self._settled[begin:end])
             for begin, end in zip(first, last, strict=True)
         ]
 
     def calls(self, calls: Calls, first: Sequence[int], last: Sequence[int]) -> list[Row]:
         """Returns the calls that set or get the variables `first` to `last` - 1 of each kind."""
         rows: list[Row] = []
-        for kind, (name, begin, end) in enumerate(zip(KINDS, map(int, first), map(int, last), strict=True)):
+        for kind, (name, begin, end) in enumerate(zip(KINDS, first, last, strict=True)):
             if end > begin:
                 at = self._real_values + 8 * begin if kind == 0 else self._int_values + 4 * (begin - self.reals)
                 rows += calls.values(self._verb, name, self._variables[begin:end], at)
@@ -390,42 +391,63 @@ def _calls(
     inputs = _Side("Set", [one for p in kinds for one in p.inputs], values.real_in, values.int_in)
     outputs = _Side("Get", [one for p in kinds for _, one in p.outputs], values.real_out, values.int_out)
     outputs.reals = len(kinds[0].outputs)  # real_out also holds values that are no outputs
+    packets = _Packets(ports)
+    sloped: dict[int, list[int]] = {}
+    for n, i in enumerate(slopes["instance"].tolist()):
+        sloped.setdefault(i, []).append(n)
+    first_endpoint, further = instances["endpoint"].tolist(), ports["further"].tolist()
+    first_in, last_in, first_out, last_out = (
+        feeds[name].tolist() for name in ("first_in", "last_in", "first_out", "last_out")
+    )
+    bounds: dict[str, list[int]] = {name: [] for name in _BOUNDS}
+    first_set, first_set_value, last_set, first_get, last_get = bounds.values()
     for i, one in enumerate(calls):
-        row, feed = instances[i], feeds[i]
-        first_endpoint = int(row["endpoint"])
-        last_endpoint = first_endpoint + 1 + int(ports[first_endpoint]["further"]) if first_endpoint >= 0 else -1
-        row["first_set"] = len(rows)
-        for e in range(first_endpoint, last_endpoint):
-            rows += _packet_call("Set", one, ports, e)
-        row["first_set_value"] = len(rows)
-        rows += inputs.calls(one, feed["first_in"], feed["last_in"])
-        if (own := np.flatnonzero(slopes["instance"] == i)).size:
+        endpoint = first_endpoint[i]
+        last_endpoint = endpoint + 1 + further[endpoint] if endpoint >= 0 else -1
+        first_set.append(len(rows))
+        for e in range(endpoint, last_endpoint):
+            rows += packets.calls("Set", one, e)
+        first_set_value.append(len(rows))
+        rows += inputs.calls(one, first_in[i], last_in[i])
+        if own := sloped.get(i):
             extrapolated = [kinds[0].inputs[j] for j in slopes["input"][own]]
             rows.append(one.input_derivatives(extrapolated, derivatives[own[0] :].ctypes.data))
-        row["last_set"] = len(rows)
-        changing = outputs.first_settled(feed["first_out"], feed["last_out"])
-        rows += outputs.calls(one, changing, feed["last_out"])
-        row["first_get"] = len(rows)
-        rows += outputs.calls(one, feed["first_out"], changing)
-        rows += _packet_call("Get", one, ports, first_endpoint)
-        row["last_get"] = len(rows)
-        for e in range(first_endpoint + 1, last_endpoint):
+        last_set.append(len(rows))
+        changing = outputs.first_settled(first_out[i], last_out[i])
+        rows += outputs.calls(one, changing, last_out[i])
+        first_get.append(len(rows))
+        rows += outputs.calls(one, first_out[i], changing)
+        rows += packets.calls("Get", one, endpoint)
+        last_get.append(len(rows))
+        for e in range(endpoint + 1, last_endpoint):
             ports[e]["get"] = len(rows)
-            rows += _packet_call("Get", one, ports, e)
+            rows += packets.calls("Get", one, e)
+    for name, numbers in bounds.items():
+        instances[name] = numbers
     return np.array(rows, dtype=CALL)
 
 
-def _packet_call(verb: str, calls: Calls, ports: np.ndarray[Any, Any], endpoint: int) -> list[Row]:
-    """Returns the call that sets or gets the packets of an endpoint, if it has such a port."""
-    has, reference, value, size = (
-        ("has_rx", "rx", "given", "given_size") if verb == "Set" else ("has_tx", "tx", "got", "got_size")
-    )
-    if endpoint < 0 or not ports[endpoint][has]:
-        return []
-    fields = PORTS.fields
-    assert fields is not None
-    row = ports.ctypes.data + PORTS.itemsize * int(endpoint)
-    return [calls.packets(verb, PacketPlaces(*(row + fields[name][1] for name in (reference, value, size))))]
+class _Packets:
+    """The calls for the packets of endpoints.
+
+    Args:
+        ports: the PORTS table.
+    """
+
+    def __init__(self, ports: np.ndarray[Any, Any]) -> None:
+        fields = PORTS.fields
+        assert fields is not None
+        self._first = ports.ctypes.data
+        self._has = {"Set": ports["has_rx"].tolist(), "Get": ports["has_tx"].tolist()}
+        names = {"Set": ("rx", "given", "given_size"), "Get": ("tx", "got", "got_size")}
+        self._places = {verb: [int(fields[name][1]) for name in of] for verb, of in names.items()}
+
+    def calls(self, verb: str, calls: Calls, endpoint: int) -> list[Row]:
+        """Returns the call that sets or gets the packets of an endpoint, if it has such a port."""
+        if endpoint < 0 or not self._has[verb][endpoint]:
+            return []
+        row = self._first + PORTS.itemsize * endpoint
+        return [calls.packets(verb, PacketPlaces(*(row + place for place in self._places[verb])))]
 
 
 def _packet_ports(

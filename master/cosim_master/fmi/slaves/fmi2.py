@@ -153,6 +153,7 @@ class Library:
         self.resources_path: bytes | None = f"{resources}/".encode() if resources.is_dir() else None
         """The resourcePath of FMI 3; None if the FMU has no resources."""
         self._dll = self._load(library)
+        self._addresses: dict[str, int] = {}
         libc = ctypes.CDLL("msvcrt" if platform.system() == "Windows" else None)
         self.memory: tuple[Any, Any] = (
             _ALLOCATE(ctypes.cast(libc.calloc, ctypes.c_void_p).value or 0),
@@ -205,7 +206,9 @@ class Library:
         Raises:
             FmuError: the binary does not export it.
         """
-        return ctypes.cast(self._function(function), ctypes.c_void_p).value or 0
+        if function not in self._addresses:
+            self._addresses[function] = ctypes.cast(self._function(function), ctypes.c_void_p).value or 0
+        return self._addresses[function]
 
     def address_if(self, function: str) -> int:
         """Returns the address of a function that the binary may lack; 0 without it."""
