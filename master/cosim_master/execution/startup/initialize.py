@@ -31,7 +31,7 @@ from cosim_master.fmi.slaves.libraries import Libraries, check_sources
 from cosim_master.fmi.slaves.making import instantiate as make
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.system.flatten.clock_groups import lockstep
-from cosim_master.system.flatten.flat import CheckedSystem, FlatConnection
+from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance, FlatConnection
 
 __all__ = ["SettledLoop", "answers", "initialize", "instantiate", "try_out"]
 
@@ -82,20 +82,19 @@ def initialize(
         FmuError: an FMU refused.
         LoopError: outputs depend on each other, and no consistent values were found.
     """
-    batches = _Batches()
+    values, batches = _Starts(), _Batches()
     for one, instance in zip(slaves, checked.instances, strict=True):
-        starts = instance.effective_values()
         if sizes := instance.structural_values():
             one.configure([instance.fmu.variables[n] for n in sizes], list(sizes.values()))
         one.setup_experiment(start, stop)
-        _set_all(one, batches.of(instance.fmu, starts, inputs=False), starts)
+        values.set(one, instance, inputs=False)
     for one, instance in zip(slaves, checked.instances, strict=True):
-        starts = instance.effective_values()  # anew, since those of all instances together take much memory
         one.enter_initialization_mode()
         if one.initializes_anew:
+            starts = instance.effective_values()
             exact = (v for n in starts if (v := instance.fmu.variables[n]).initial == "exact")
             _set_all(one, _by_kind(v for v in exact if v.causality != "input"), starts)
-        _set_all(one, batches.of(instance.fmu, starts, inputs=True), starts)
+        values.set(one, instance, inputs=True)
     loops = _exchange(checked, {one.name: one for one in slaves}, batches)
     events = events or Events(checked, slaves, round(start * 1e9))
     events.begin()
@@ -275,12 +274,35 @@ class _Batches:
     """The batches of an FMU's variables, found once for all of its instances of which the same ones are set or got."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[int, tuple[str, ...], bool | None], list[Batch]] = {}
+        self._known: dict[tuple[int, tuple[str, ...]], list[Batch]] = {}
 
-    def of(self, fmu: FmuDescription, names: Iterable[str], *, inputs: bool | None = None) -> list[Batch]:
-        """Returns the batches of variables; only of those that are inputs, or that are not, if `inputs` is given."""
-        key = id(fmu), tuple(names), inputs
+    def of(self, fmu: FmuDescription, names: Iterable[str]) -> list[Batch]:
+        key = id(fmu), tuple(names)
         if key not in self._known:
-            variables = (fmu.variables[n] for n in key[1])
-            self._known[key] = _by_kind(v for v in variables if inputs in (None, v.causality == "input"))
+            self._known[key] = _by_kind(fmu.variables[n] for n in key[1])
         return self._known[key]
+
+
+class _Starts:
+    """Start values, of which most are those of the FMU: its instances share the batches, and differ in a few values."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, tuple[str, ...], bool], list[tuple[Batch, list[Any], dict[str, int]]]] = {}
+
+    def set(self, one: Slave, instance: ComponentInstance, *, inputs: bool) -> None:
+        """Sets the effective values of inputs, or those of all other variables; one call per type."""
+        fmu, given = instance.fmu, instance.given_values()
+        key = id(fmu), tuple(name for name in given if name not in fmu.defaults), inputs
+        if key not in self._known:
+            variables = (fmu.variables[name] for name in (*fmu.defaults, *key[1]))
+            batches = _by_kind(v for v in variables if (v.causality == "input") == inputs)
+            self._known[key] = [
+                (batch, [fmu.defaults.get(n) for n in batch.names], {n: i for i, n in enumerate(batch.names)})
+                for batch in batches
+            ]
+        for batch, defaults, places in self._known[key]:
+            values = defaults.copy()
+            for name, value in given.items():
+                if (place := places.get(name)) is not None:
+                    values[place] = value
+            one.set(batch, values)

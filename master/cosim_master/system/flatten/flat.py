@@ -85,6 +85,10 @@ class ComponentInstance:
         """Returns start values of all parameters and inputs: the system's value if it sets one, or the FMU's."""
         return {**self.fmu.defaults, **self.given_values()}
 
+    def effective_value(self, name: str) -> Start | None:
+        """Returns one of the effective values; None without it."""
+        return self.given_values().get(name, self.fmu.defaults.get(name))
+
     def given_values(self) -> Mapping[str, Value]:
         """Returns those of the effective values that the system sets."""
         apart = self.fmu.apart

@@ -179,7 +179,7 @@ class Subjects:
         for name, verdict in instance.fmu.verdicts.items():
             if not isinstance(verdict, Condition):
                 continue
-            by = float(instance.effective_values()[verdict.by]) if verdict.by else math.inf
+            by = _number(instance, verdict.by) if verdict.by else math.inf
             self.states.append(self.columns.of(instance.name, name)[1])
             self.reasons.append(self.columns.of(instance.name, verdict.reason)[1] if verdict.reason else -1)
             self.agents.append(Agent(instance, name, verdict, self._beside(instance.name), by))
@@ -202,12 +202,11 @@ class Subjects:
         bounds = {name: verdict for name, verdict in instance.fmu.verdicts.items() if isinstance(verdict, Bound)}
         if not bounds:
             return
-        values = instance.effective_values()
         agent = self._agent_of.get(instance.name, -1)
         for name, bound in bounds.items():
-            if bound.of and not values.get(bound.of):
+            if bound.of and not instance.effective_value(bound.of):
                 continue
-            most = float(values[bound.most]) if isinstance(bound.most, str) else bound.most
+            most = _number(instance, bound.most) if isinstance(bound.most, str) else bound.most
             unit = instance.fmu.variables[name].unit
             self.values.append(self.columns.of(instance.name, name))
             self.limited.append(
@@ -218,6 +217,13 @@ class Subjects:
         """Returns the only vehicle in the system of an instance; -1 if none or several exist."""
         found = self._of_group.get(_group(name), [])
         return found[0] if len(found) == 1 else -1
+
+
+def _number(instance: ComponentInstance, name: str) -> float:
+    """Returns the effective value of a parameter."""
+    value = instance.effective_value(name)
+    assert value is not None
+    return float(value)
 
 
 def _group(name: str) -> str:
