@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -44,8 +44,14 @@ class Columns:
         return sum(self._numbers[one] for one in types)
 
     @cached_property
+    def _types(self) -> tuple[pa.DataType, ...]:
+        """The types of the signals; a hundred thousand columns have a few."""
+        known: dict[pa.DataType, pa.DataType] = {}
+        return tuple(known.setdefault(one, one) for one in self.schema.types[1:])
+
+    @cached_property
     def _numbers(self) -> Counter[pa.DataType]:
-        return Counter(self.schema.types[1:])
+        return Counter(self._types)
 
     @property
     def widths(self) -> tuple[int, int, int]:
@@ -68,17 +74,20 @@ class Columns:
             rows: the texts of n rows; without texts, it may be empty.
         """
         arrays = [array_of(time, pa.float64())]
-        for field, place in zip(list(self.schema)[1:], self.places, strict=True):
-            if pa.types.is_string(field.type):
+        real, whole = _rows_as_arrays(reals, pa.float64()), _rows_as_arrays(integers, pa.int32())
+        for type, place in zip(self._types, self.places, strict=True):
+            if type == pa.float64():
+                arrays.append(real(place))
+            elif type == pa.int32():
+                arrays.append(whole(place))
+            elif type == pa.string():
                 arrays.append(texts([row[place] for row in rows]))
-            elif pa.types.is_floating(field.type):
-                arrays.append(array_of(reals[place], field.type))
-            elif field.type in _WIDE.values():
-                halves = np.ascontiguousarray(integers[place : place + 2].T)
-                values = halves.view(np.uint64 if pa.types.is_uint64(field.type) else np.int64)[:, 0]
-                arrays.append(array_of(values.astype(field.type.to_pandas_dtype()), field.type))
+            elif type == pa.bool_():
+                arrays.append(array_of(integers[place], type))
             else:
-                arrays.append(array_of(integers[place], field.type))
+                halves = np.ascontiguousarray(integers[place : place + 2].T)
+                values = halves.view(np.uint64 if pa.types.is_uint64(type) else np.int64)[:, 0]
+                arrays.append(array_of(values.astype(type.to_pandas_dtype()), type))
         return pa.Table.from_arrays(arrays, schema=self.schema)
 
     def rows(self, table: pa.Table) -> Rows:
@@ -99,6 +108,17 @@ class Columns:
             else:
                 integer[:, place] = values_of(column)
         return Rows(values_of(table.column(0)), real, integer, text)
+
+
+def _rows_as_arrays(values: NDArray[Any], type: pa.DataType) -> Callable[[int], pa.Array]:
+    """Returns a function for the rows of a matrix as arrays, which share its memory if rows are contiguous."""
+    if values.ndim != 2 or not values.size or values.strides[1] != values.itemsize:
+        return lambda row: array_of(values[row], type)
+    step, n = values.strides[0] // values.itemsize, values.shape[1]
+    size = (len(values) - 1) * values.strides[0] + n * values.itemsize
+    memory = pa.foreign_buffer(values.ctypes.data, size, base=values)
+    whole = pa.Array.from_buffers(type, size // values.itemsize, [None, memory])
+    return lambda row: whole.slice(row * step, n)
 
 
 def columns_of(checked: CheckedSystem, layout: Layout) -> Columns:
