@@ -440,8 +440,10 @@ def _owners(part: Part, name: str) -> Iterator[tuple[Part, str]]:
 def _place(part: Part, name: str) -> int:
     """Returns the rank of a name in the flow of values: driven names first, then their sources, outer systems last."""
     for owner, rest in _owners(part, name):
+        if owner.fmu is not None:
+            continue
         port = owner.ports.get(rest) or owner.ports.get(element_name(rest, (1,) * len(owner.shapes.get(rest, ()))))
-        if owner.fmu is None and port is not None:
+        if port is not None:
             depth, above = MAX_DEPTH + 1, owner.parent
             while above is not None:
                 depth, above = depth - 1, above.parent

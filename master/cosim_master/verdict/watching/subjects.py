@@ -26,13 +26,17 @@ _UNWATCHED = (
 
 def watched(checked: CheckedSystem) -> frozenset[tuple[str, str]]:
     """Returns all outputs that the watch needs, as pairs of instance and variable."""
-    return frozenset(
-        (instance.name, element)
-        for instance in checked.instances
-        for name, verdict in instance.fmu.verdicts.items()
-        if not isinstance(verdict, (Rotors, Logged)) and verdict not in _UNWATCHED
-        for element in elements_of(name, instance.fmu.variables)
-    )
+    files = {id(instance.fmu): instance.fmu for instance in checked.instances}
+    elements = {
+        key: [
+            element
+            for name, verdict in fmu.verdicts.items()
+            if not isinstance(verdict, (Rotors, Logged)) and verdict not in _UNWATCHED
+            for element in elements_of(name, fmu.variables)
+        ]
+        for key, fmu in files.items()
+    }
+    return frozenset((one.name, element) for one in checked.instances for element in elements[id(one.fmu)])
 
 
 @dataclass(slots=True)

@@ -71,12 +71,10 @@ def nodes_of(checked: CheckedSystem, position: str, problems: list[Problem]) -> 
     lines: dict[str, list[Endpoint]] = {}
     instances = {instance.name: instance for instance in checked.instances}
     declared = _declared_positions(checked.instances)
+    files = {id(one.fmu): one.fmu for one in checked.instances}
+    packets = {key: [v for v in fmu.variables.values() if v.packet_capacity is not None] for key, fmu in files.items()}
     for instance in checked.instances:
-        ports = [
-            v
-            for v in instance.fmu.variables.values()
-            if v.packet_capacity is not None and (instance.name, v.name) not in wired
-        ]
+        ports = [v for v in packets[id(instance.fmu)] if (instance.name, v.name) not in wired]
         own = _lines(instance, ports)
         ports = [v for v in ports if not any(v in (line.rx, line.tx) for line in own)]
         rx = [v for v in ports if v.causality == "input"]
