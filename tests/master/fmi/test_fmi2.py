@@ -9,7 +9,7 @@ import pytest
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import describe
-from cosim_master.fmi.slaves.fmi2 import Instance2, Library
+from cosim_master.fmi.slaves.fmi2 import Batch, Instance2, Library
 from cosim_master.fmi.slaves.libraries import Libraries
 
 
@@ -79,6 +79,18 @@ def test_a_life(library: Any, probes: Any) -> None:
             "free",
         )
     ]
+
+
+def test_integers_are_those_of_c(library: Any) -> None:
+    made = library()
+    v = made.fmu.variables
+    for number, wanted in ((-7, -7), (2**31 - 1, 2**31 - 1), (-(2**31), -(2**31)), (2**32 - 1, -1)):
+        one = made.instantiate(f"of {number}")
+        one.set(Batch([v["n"]]), [number - 1])
+        one.setup_experiment(0.0, 2.0)
+        one.enter_initialization_mode()
+        assert one.get(Batch([v["m"]])) == [wanted]
+        one.free()
 
 
 @pytest.mark.parametrize(

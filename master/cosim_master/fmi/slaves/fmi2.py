@@ -386,7 +386,7 @@ class Instance2:
         elif kind == "Real":  # by way of `array`, which takes values ten times as fast as ctypes
             content = c_array.from_buffer(array("d", map(float, values)))
         else:
-            content = c_array.from_buffer(array("i", map(int, values)))
+            content = c_array.from_buffer(array("I", [int(value) & 0xFFFFFFFF for value in values]))
         self.call(f"fmi2Set{kind}", _references(variables), ctypes.c_size_t(n), content)
 
     def ended(self) -> bool:
