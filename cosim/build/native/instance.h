@@ -212,15 +212,13 @@ static Status ensure_started(Instance *s) {
     return kernel_status(s, "start", raised, exception, code);
 }
 
-static inline void prefetch(const unsigned char *record) {
-    for (size_t at = BUSY_FROM / LINE * LINE; at < BUSY_TO; at += LINE) __builtin_prefetch(record + at, 1);
-}
-
-/* A hint that this instance will soon make a step: its memory comes nearer while another instance makes its step. */
+/* A hint that this instance will soon make a step: its memory comes nearer while another instance makes its step. With
+   many instances, most records are not cached; all lines are asked for at once instead of one by one in the kernel. */
 EXPORT void uav_cosim_expect(void *c) {
     __builtin_prefetch(c, 1);
     __builtin_prefetch(&((Instance *)c)->text, 1); /* it may be in the next line */
-    prefetch(record_of((Instance *)c));
+    const unsigned char *record = record_of((Instance *)c);
+    for (size_t at = BUSY_FROM / LINE * LINE; at < BUSY_TO; at += LINE) __builtin_prefetch(record + at, 1);
 }
 
 static Status advance(Instance *s, const char *function, double t, double h) {
@@ -230,8 +228,6 @@ static Status advance(Instance *s, const char *function, double t, double h) {
         return fail(s, "%s: the communication point is %.9g, the FMU is at %.9g", function, t, s->progress.time);
     if (s->progress.has_stop && t + h > s->progress.stop + slack)
         return fail(s, "%s: %.9g + %.9g is after the stop time %.9g", function, t, h, s->progress.stop);
-    /* With many instances, most records are not cached: prefetch all lines at once instead of one by one in the kernel. */
-    prefetch(s->record);
     int code = 0;
     const char *const *exception = NULL;
     int raised = model_advance(&code, &exception, s->record, t, h);

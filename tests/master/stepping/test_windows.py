@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import ctypes
 import dataclasses
 import random
 from collections.abc import Sequence
@@ -23,6 +24,7 @@ from cosim_master.stepping.kernels.macro_step import places_needed, run
 from cosim_master.stepping.kernels.tables import (
     BLOCK_FULL,
     DONE,
+    EXPECTING,
     FAILED,
     NEED_LOG,
     NEED_PLACES,
@@ -101,6 +103,25 @@ def test_a_group_makes_all_steps_of_a_window_before_the_next_group_begins(latenc
     steps = [line for line in log if "doStep" in line]
     assert steps[: 2 * window] == [f"{name}: doStep {k} + 1" for name in "ab" for k in range(window)]
     assert len(steps) == 40
+
+
+def test_memory_is_asked_for_once_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What steps in each base step is near after the first one; `c` comes with its step of 5 s, from 15 to 20 s too."""
+    monkeypatch.setattr(grouping, "LARGEST", 3)
+    log: list[str] = []
+    ones = [idle(name, log, step_size=5.0 if name == "c" else 1.0) for name in "abcdefghijkl"]
+    plan, radio = plan_of(ones, Network(), 20.0, steps=100)
+    assert (plan.groups.size, plan.counters[WINDOW]) == (4, 16)
+    names = {int(row["handle"]): one.name for row, one in zip(plan.instances, ones, strict=True)}
+    expect = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda handle: log.append(f"{names[handle]}: expect"))
+    plan.instances["expect"] = ctypes.cast(expect, ctypes.c_void_p).value
+    plan.counters[EXPECTING] = 1
+    log.clear()
+    assert run(plan, radio, 20) == DONE
+    expected = [line.partition(":")[0] for line in log if line.endswith("expect")]
+    assert {name: expected.count(name) for name in "abd"} == {"a": 2, "b": 2, "d": 2}  # at 0 and 16 s
+    assert expected.count("c") == 8  # where its steps begin and end: 0, 4, 5, 9, 10, 14, 15, 19 s
+    assert log[:5] == ["a: expect", "b: expect", "c: expect", "a: doStep 0 + 1", "a: get y"]
 
 
 def test_a_window_ends_where_somebody_looks() -> None:

@@ -36,6 +36,7 @@ from cosim_master.stepping.kernels.tables import (
     FAILURES,
     FATAL,
     FINAL,
+    FROM,
     GET_REAL,
     GET_STRING,
     LAST,
@@ -49,6 +50,7 @@ from cosim_master.stepping.kernels.tables import (
     RUNNING,
     START,
     TOO_LONG,
+    WINDOW,
     K,
     Plan,
 )
@@ -275,12 +277,18 @@ _AHEAD = 2
 
 
 @inlined
-def _expect(instances: NDArray[Any], i: Any, k: int) -> None:
-    """Prefetches the memory of instance `i`, if it has a function for that and begins or ends a step."""
+def _expect(instances: NDArray[Any], i: Any, k: int, begins: bool) -> None:
+    """Prefetches the memory of instance `i`, if it has a function for that and needs its memory for the first time.
+
+    `begins`: whether the group's window begins; what steps in each of its base steps is near from then on.
+    """
     m = instances[i]
     if m.expect == np.uintp(0):
         return
-    if m.period > 1:
+    if m.period == 1:
+        if not begins:
+            return
+    else:
         since = k % m.period
         if since != 0 and since + 1 != m.period:
             return
@@ -310,11 +318,15 @@ def step_some(
     t = (counters[START] + k * base) / per_second
     failed = 0
     expecting = chosen.size - _AHEAD if counters[EXPECTING] != 0 else 0
+    begins = counters[WINDOW] == 0 or k == counters[FROM]
+    if expecting > 0 and begins:
+        for n in range(_AHEAD):
+            _expect(instances, np.uintp(chosen[n]), k, begins)
     for n in range(np.uintp(chosen.size)):
         i: Any = np.uintp(chosen[n])  # a possibly negative index costs a comparison at each use
         m = instances[i]
         if np.int64(n) < expecting:
-            _expect(instances, np.uintp(chosen[n + np.uintp(_AHEAD)]), k)
+            _expect(instances, np.uintp(chosen[n + np.uintp(_AHEAD)]), k, begins)
         well, later = True, False
         since = 0 if m.period == 1 else k % m.period
         if failed > 0 and _corrupted(instances, m.library):
