@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -307,6 +308,8 @@ def run(
     """Run a system, or one FMU alone."""
     if threads is not None and threads < 1:
         raise usage(f"--threads {threads}: give a positive number")
+    if ros1 is not None and not re.fullmatch(r"https?://[^/:]+:\d+/?", ros1):
+        raise usage(f"--ros1 {ros1}: give the address of its master, such as http://127.0.0.1:11311")
     if no_open and not view:
         raise usage("--no-open belongs to --view, which is not given")
     if pace is None and any(one is not None for one in (foxglove, ros1, ros2)):

@@ -84,8 +84,6 @@ def fmu_tables(path: Path, *, every: bool = True) -> Iterator[Table | str]:
     fmu = fmu_document(path)
     yield f"{fmu['model']}: {fmu['description']}" if fmu["description"] else fmu["model"]
     yield f"FMI {fmu['fmi_version']}, GUID {fmu['guid']}, {_step(fmu['step_size'])}"
-    if not fmu["refused"]:
-        yield f"capabilities: {', '.join(fmu['capabilities']) or 'none'}"
     yield from _sheet(fmu)
     if not fmu["variables"] or not (every or len(fmu["variables"]) <= _FEW):
         yield _by_causality(fmu["variables_by_causality"])

@@ -6,16 +6,17 @@ fit the others, `companions` finds the FMUs that do. FMUs without declarations f
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from cosim.verdict import Values
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.fmi.description.read import FmuDescription, describe, mentions
 from cosim_master.system import shipped
-from cosim_master.system.structure import System
+from cosim_master.system.structure import Connector, System
 
-__all__ = ["companions", "misfits"]
+__all__ = ["companions", "having", "lacking", "misfits"]
 
 
 def misfits(system: System, fmus: Mapping[str, FmuDescription]) -> Iterator[tuple[str, str, tuple[int, ...], str]]:
@@ -36,6 +37,24 @@ def misfits(system: System, fmus: Mapping[str, FmuDescription]) -> Iterator[tupl
                 continue
             if fmus[source].variables[output].causality == "output" and not set(offered.values) <= set(accepted.values):
                 yield target, name, offered.values, source
+
+
+def lacking(fmu: FmuDescription, connectors: Sequence[Connector]) -> list[str]:
+    """Returns the names of connectors that an FMU has no variable for."""
+    return [one.name for one in connectors if one.name not in fmu.variables and one.name not in fmu.shapes]
+
+
+def having(connectors: Sequence[Connector], folders: Iterable[Path]) -> list[str]:
+    """Returns the names of the FMUs in some folders that have variables of the same kind for all these connectors."""
+    found: dict[str, None] = {}
+    for file in (file for folder in folders for file in sorted(folder.glob("*.fmu"))):
+        if file.stem.isidentifier():  # of several builds, the FMI 2 one
+            with suppress(SystemDescriptionError):  # its own problem
+                fmu = describe(file)
+                known = (fmu.variables.get(one.name) for one in connectors)
+                if all(v is not None and v.causality == one.kind for v, one in zip(known, connectors, strict=True)):
+                    found[file.stem] = None
+    return [*found]
 
 
 def companions(

@@ -19,7 +19,7 @@ from cosim_master.diagnostics.names import is_pattern, matching, near, near_patt
 from cosim_master.files import archive
 from cosim_master.fmi.description.read import FmuDescription, describe
 from cosim_master.system import shipped
-from cosim_master.system.authoring.fitting import companions, misfits
+from cosim_master.system.authoring.fitting import companions, having, lacking, misfits
 from cosim_master.system.authoring.text.sources import references
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import FMU_TYPE, ROOT_DOCUMENT, SSP_TYPE, read_system
@@ -202,8 +202,30 @@ def _is_fmu(component: Component) -> bool:
     return component.content is None and component.type == FMU_TYPE
 
 
+_FEW = 3
+"""Number of missing connectors that are named one by one, each with its line."""
+
+
+def _check_kind(chains: Sequence[Sequence[Element]], fmu: Path) -> None:
+    """Refuses an FMU of another kind, which lacks most of the connectors, in one sentence for each component."""
+    if (new := _described(fmu)) is None:
+        return
+    problems: list[Problem] = []
+    for element in (chain[-1] for chain in chains):
+        if not isinstance(element, Component) or len(names := lacking(new, element.connectors)) <= _FEW:
+            continue
+        arrays = ", ".join(dict.fromkeys(name.partition("[")[0] for name in names))
+        text = f"{fmu.name} lacks {len(names)} of the {len(element.connectors)} connectors of this component: {arrays}"
+        if others := having(element.connectors, (fmu.parent, shipped.fmus())):
+            text += f"; FMUs that have all: {', '.join(others)}"
+        problems.append(Problem(element.where, text))
+    if problems:
+        raise SystemDescriptionError(dict.fromkeys(problems))
+
+
 def _check_fit(structure: SystemStructure, chains: Sequence[Sequence[Element]], fmu: Path) -> None:
     """Checks the changed system. Here, a parameter that the new FMU lacks is a mismatch, not a note."""
+    _check_kind(chains, fmu)
     gone = {one[-1].where for one in chains if isinstance(one[-1], Component) and one[-1].source is None}
     # The old FMU may be swapped because it is missing.
     problems = [

@@ -63,6 +63,9 @@ def changes(old: bytes, new: bytes) -> list[str]:
     return [line for line in lines if line[0] in "+-" and not line.startswith(("+++", "---"))]
 
 
+_LINE5 = Path(__file__).parents[4] / "master" / "systems" / "line5"
+
+
 def refusal(*arguments: Any) -> str:
     with pytest.raises(SystemDescriptionError) as caught:
         swap(*arguments)
@@ -363,6 +366,20 @@ class TestWhatIsRefused:
         )
         assert "autopilot.motor is Real and vehicle.motor is Boolean" in text
         assert 'vehicle.position to autopilot.estimate: unit "s" (s) cannot be converted to "m" (m)' in text
+
+    def test_an_fmu_of_another_kind_is_refused_in_one_sentence(self, fmus: Path, tmp_path: Path) -> None:
+        """Of the 25 connectors of a vehicle, an agent has none."""
+        text = refusal(_LINE5, "drone3.vehicle", fmus / "LineAgent.fmu", tmp_path / "swapped")
+        assert re.fullmatch(
+            r".*drone\.ssd:\d+: LineAgent\.fmu lacks 25 of the 25 connectors of this component: motor, position, "
+            r"velocity, attitude, angular_velocity, specific_force, airframe; FMUs that have all: (.*)",
+            text,
+        )
+        assert text.rpartition(": ")[2].split(", ") == [
+            *("Boat", "FixedWing", "Hexarotor", "LinearQuadrotor", "Octorotor", "PointMass", "Quadplane"),
+            *("Quadrotor", "Rover", "Y6"),
+        ]
+        assert not (tmp_path / "swapped").exists()
 
     def test_a_missing_port_and_a_missing_parameter(self, system: Path, workshop: Any, variable: Any) -> None:
         workshop.fmu("fmus/Short.fmu", variable("motors"), variable("position", "output", unit="m"))
