@@ -137,6 +137,8 @@ def test_options_of_run(run: Any, system: Path, tmp_path: Path) -> None:
         (("--checkpoint-every", "0"), "error: --checkpoint-every 0: give an interval in simulated s, a positive"),
         (("--checkpoint-every", "-2"), "error: --checkpoint-every -2: give an interval in simulated s, a positive num"),
         (("--threads", "0"), "error: --threads 0: give a positive number"),
+        (("--ros1", "http://localhost:many"), "error: --ros1 http://localhost:many: give the address of its master"),
+        (("--ros1", "http://localhost"), "error: --ros1 http://localhost: give the address of its master"),
         (("--ros1", "foo"), "error: --ros1 foo: give the address of its master, such as http://127.0.0.1:11311"),
         (("--seed", "-1"), "Invalid value for '--seed'"),
         (("--seed", str(2**60)), "Invalid value for '--seed'"),

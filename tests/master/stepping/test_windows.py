@@ -106,7 +106,7 @@ def test_a_group_makes_all_steps_of_a_window_before_the_next_group_begins(latenc
 
 
 def test_memory_is_asked_for_once_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What steps in each base step is near after the first one; `c` comes with its step of 5 s, from 15 to 20 s too."""
+    """What steps in each base step is near from the first one of a window on; `c` has steps of 5 s."""
     monkeypatch.setattr(grouping, "LARGEST", 3)
     log: list[str] = []
     ones = [idle(name, log, step_size=5.0 if name == "c" else 1.0) for name in "abcdefghijkl"]

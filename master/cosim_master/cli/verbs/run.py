@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+from urllib.parse import urlsplit
 
 import typer
 
@@ -308,7 +308,7 @@ def run(
     """Run a system, or one FMU alone."""
     if threads is not None and threads < 1:
         raise usage(f"--threads {threads}: give a positive number")
-    if ros1 is not None and not re.fullmatch(r"https?://[^/:]+:\d+/?", ros1):
+    if ros1 is not None and not _is_address(ros1):
         raise usage(f"--ros1 {ros1}: give the address of its master, such as http://127.0.0.1:11311")
     if no_open and not view:
         raise usage("--no-open belongs to --view, which is not given")
@@ -397,6 +397,15 @@ def _write_logs(folder: Path) -> None:
     (one,) = (one for one in FORMATS if one.name == "dataflash")
     shutil.rmtree(folder / one.name, ignore_errors=True)
     notes(export_run(folder, one, folder / one.name, Options()))
+
+
+def _is_address(uri: str) -> bool:
+    """Returns whether a URI has what a client of ROS 1 needs: the scheme of HTTP, a host and a port."""
+    try:
+        parts = urlsplit(uri)
+        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port is not None
+    except ValueError:  # a port that is no number
+        return False
 
 
 def _simulate(

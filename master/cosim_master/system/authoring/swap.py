@@ -57,8 +57,8 @@ def swap(
 
     Raises:
         SystemDescriptionError: the system is invalid, the component does not exist, or the FMU does not match its
-            connectors and parameters; all mismatches are reported at once. Or `out` cannot be written. Then nothing has
-            been written.
+            connectors and parameters; all mismatches are reported at once, but of an FMU that lacks many connectors
+            only these. Or `out` cannot be written. Then nothing has been written.
     """
     with read_system(system) as structure:
         chains = _chains(structure, component)
