@@ -181,11 +181,15 @@ def _imported(file: Path, roots: tuple[tuple[str, Path], ...]) -> tuple[Path, ..
 
 
 def forget_unused(folder: Path) -> None:
-    """Removes entries of `folder` that have not been used for two weeks."""
+    """Removes entries of `folder` that have not been used for two weeks; other processes may add and remove entries."""
     if not folder.is_dir():
         return
     for old in folder.iterdir():
-        if time.time() - old.stat().st_mtime < _UNUSED_AFTER:
+        try:
+            used = old.stat().st_mtime
+        except FileNotFoundError:  # a lock or a part that another process has just removed
+            continue
+        if time.time() - used < _UNUSED_AFTER:
             continue
         if old.is_dir():
             shutil.rmtree(old, ignore_errors=True)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from cosim.kept import read_kept, write_kept
+from cosim.kept import made_once, read_kept, write_kept
+from cosim.kernel import forget_unused
 
 
 def test_threads_may_write_the_same_code_at_the_same_time(tmp_path: Path) -> None:
@@ -35,3 +38,20 @@ def test_changed_code_is_not_loaded(tmp_path: Path, caplog: pytest.LogCaptureFix
         assert read_kept(file) is None
     assert "has been changed since it was made" in caplog.text
     assert read_kept(tmp_path / "another") is None
+
+
+def test_unused_code_is_forgotten_while_others_make_code_in_the_same_folder(tmp_path: Path) -> None:
+    """Locks of others may go between the listing of the folder and the look at their age."""
+    write_kept(tmp_path / "new.o", b"code")
+    for old in (tmp_path / "old.o", tmp_path / "folder"):
+        write_kept(old / "part" if old.name == "folder" else old, b"code")
+        os.utime(old, (time.time() - 15 * 86400,) * 2)
+    (tmp_path / "gone.lock").symlink_to(tmp_path / "nothing")  # listed, but cannot be looked at: as if just removed
+
+    def make(number: int) -> None:
+        with made_once(tmp_path / f"{number}.o"):
+            forget_unused(tmp_path)
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(make, range(400)))
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["gone.lock", "new.o"]
