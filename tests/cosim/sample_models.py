@@ -110,6 +110,25 @@ class Plant(Model):
     errors: ClassVar[dict[int, str]] = {7: 'the plant is "broken" by 100 % of \\ faults'}
 
 
+@kernel
+def boast(m: Any, t: float, h: float) -> int:
+    m.tx_len = int(m.u)
+    return 0
+
+
+@kernel
+def be_quiet(m: Any) -> int:
+    return 0
+
+
+class Boastful(Model):
+    """Reports as many bytes as it is told, even more than it has."""
+
+    step_size = 0.5
+    variables = (Input("u"), PacketOutput("tx", capacity=4))
+    kernels = (be_quiet, boast)
+
+
 class Text(Model):
     """A model without kernels: strings, and a step of its own."""
 

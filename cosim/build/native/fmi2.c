@@ -151,11 +151,13 @@ EXPORT fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[],
     return fmi2OK;
 }
 
-/* Returns whether each of `n` values is within the limits of `v`; a NaN is not. */
-static int are_within(const fmi2Real value[], size_t n, const Variable *v) {
-    double min = v->min, max = v->max;
-    int64_t outside = 0; /* as wide as a Real, so that the loop tests several at a time */
-    for (size_t i = 0; i < n; i++) outside |= !(value[i] >= min) | !(value[i] <= max);
+/* Returns whether each of `n` values is within limits; a NaN is not. */
+static int are_within(const fmi2Real value[], size_t n, fmi2Real min, fmi2Real max) {
+    int64_t outside = 0; /* as wide as a Real, so that the loops test several at a time */
+    if (min == -INFINITY && max == INFINITY)
+        for (size_t i = 0; i < n; i++) outside |= value[i] != value[i];
+    else
+        for (size_t i = 0; i < n; i++) outside |= !(value[i] >= min) | !(value[i] <= max);
     return !outside;
 }
 
@@ -165,8 +167,8 @@ EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], si
     for (size_t i = 0; i < n; i += number) {
         SETTABLE_VARIABLE("fmi2SetReal", REAL);
         number = together(vr + i, n - i);
-        if (are_within(value + i, number, v)) continue;
-        while (are_within(value + i, 1, v)) i++;
+        if (are_within(value + i, number, v->min, v->max)) continue;
+        while (are_within(value + i, 1, v->min, v->max)) i++;
         return fail(s, "fmi2SetReal: %s = %g is not within %g to %g", VARIABLES[vr[i]].name, value[i], v->min, v->max);
     }
     if (n && number == n) memcpy(s->record + VARIABLES[vr[0]].offset, value, n * sizeof *value);
@@ -263,15 +265,18 @@ static long decode(const char *from, unsigned char *bytes, size_t capacity) {
     return (long)n;
 }
 
+static fmi2String text_of(Instance *s, const Variable *v, int32_t used) {
+    if (!used) return ""; /* as in most steps: with many instances, the text is not cached */
+    encode(s->record + v->offset, (size_t)used, s->text + v->text);
+    return s->text + v->text;
+}
+
 EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[]) {
     GET_PROLOGUE("fmi2GetString");
     for (size_t i = 0; i < n; i++) {
         VARIABLE("fmi2GetString", PACKETS);
         USED_BYTES(v);
-        value[i] = ""; /* as in most steps: with many instances, the text is not cached */
-        if (!used) continue;
-        encode(s->record + v->offset, (size_t)used, s->text + v->text);
-        value[i] = s->text + v->text;
+        value[i] = text_of(s, v, used);
     }
     return fmi2OK;
 }
@@ -300,6 +305,102 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolea
     (void)no_set_prior;
     CALL("fmi2DoStep", STEP);
     return advance(s, "fmi2DoStep", t, h);
+}
+
+/* ---- whole steps ----------------------------------------------------------------------------------------------------- */
+
+/* In each step, a master sets the same inputs and gets the same outputs of many instances of this FMU. It may do so in one
+   call: `uav_cosim_whole` notes once where the values are in the record, and `uav_cosim_step` sets, steps and gets. */
+
+enum { SET_REALS, SET_INTEGERS, SET_BOOLEANS, GET_REALS, GET_INTEGERS, GET_BOOLEANS, GET_TEXTS, GROUPS };
+typedef struct {
+    double min, max;
+    uint32_t offset; /* into the record; of packets: into VARIABLES */
+    uint32_t count;  /* values in a row */
+} Move;
+typedef struct {
+    uint32_t moves[GROUPS], unused;
+    Move move[];
+} Moves;
+typedef struct { /* of one instance, written by the master: values of each group in a row */
+    Instance *instance;
+    const Moves *moves;
+    const fmi2Real *set_reals;
+    const fmi2Integer *set_integers;
+    const fmi2Boolean *set_booleans;
+    fmi2Real *get_reals;
+    fmi2Integer *get_integers;
+    fmi2Boolean *get_booleans;
+    fmi2String *get_texts;
+} Exchange;
+enum { NOT_BEGUN = -1, NOT_READ = -2 }; /* instead of a status: make the calls of FMI, of which one will fail */
+
+/* Writes the places of the variables `vr`, numbers[g] of group g, to memory of `sizeof(Moves)` and a Move for each. Returns
+   0, or 1 if one of them is not of its group's type, or cannot be set in a step. */
+EXPORT int uav_cosim_whole(const uint32_t numbers[GROUPS], const fmi2ValueReference vr[], Moves *to) {
+    static const Kind kinds[] = {REAL, INTEGER, BOOLEAN, REAL, INTEGER, BOOLEAN, PACKETS};
+    static const size_t sizes[] = {sizeof(fmi2Real), sizeof(fmi2Integer), 1, 0};
+    Move *move = to->move;
+    for (int g = 0; g < GROUPS; g++) {
+        Move *first = move;
+        for (uint32_t i = 0; i < numbers[g]; i++, vr++) {
+            if (*vr >= N_VARIABLES || VARIABLES[*vr].kind != kinds[g]) return 1;
+            const Variable *v = VARIABLES + *vr;
+            if (g < GET_REALS && v->role != INPUT && v->role != TUNABLE) return 1;
+            Move own = {v->min, v->max, kinds[g] == PACKETS ? *vr : (uint32_t)v->offset, 1}, *last = move - 1;
+            if (move > first && last->min == own.min && last->max == own.max && sizes[kinds[g]] &&
+                last->offset + last->count * sizes[kinds[g]] == own.offset)
+                last->count++;
+            else
+                *move++ = own;
+        }
+        to->moves[g] = (uint32_t)(move - first);
+    }
+    return 0;
+}
+
+EXPORT int uav_cosim_step(const Exchange *x, fmi2Real t, fmi2Real h) {
+    Instance *s = x->instance;
+    if (s->progress.mode != STEP) return NOT_BEGUN;
+    unsigned char *record = s->record;
+    const uint32_t *moves = x->moves->moves;
+    const Move *move = x->moves->move, *end;
+    int outside = 0;
+    const fmi2Real *real = x->set_reals;
+    for (end = move + moves[SET_REALS]; move < end; real += move++->count) {
+        outside |= !are_within(real, move->count, move->min, move->max);
+        memcpy(record + move->offset, real, move->count * sizeof *real);
+    }
+    const fmi2Integer *integer = x->set_integers;
+    for (end = move + moves[SET_INTEGERS]; move < end; integer += move++->count)
+        for (uint32_t i = 0; i < move->count; i++) {
+            outside |= !(integer[i] >= move->min) | !(integer[i] <= move->max);
+            memcpy(record + move->offset + i * sizeof *integer, integer + i, sizeof *integer);
+        }
+    const fmi2Boolean *boolean = x->set_booleans;
+    for (end = move + moves[SET_BOOLEANS]; move < end; boolean += move++->count)
+        for (uint32_t i = 0; i < move->count; i++) record[move->offset + i] = boolean[i] != 0;
+    if (outside) return NOT_BEGUN;
+    Status status = advance(s, "fmi2DoStep", t, h);
+    if (status != OK) return status;
+    fmi2Real *real_out = x->get_reals;
+    for (end = move + moves[GET_REALS]; move < end; real_out += move++->count)
+        memcpy(real_out, record + move->offset, move->count * sizeof *real_out);
+    fmi2Integer *integer_out = x->get_integers;
+    for (end = move + moves[GET_INTEGERS]; move < end; integer_out += move++->count)
+        memcpy(integer_out, record + move->offset, move->count * sizeof *integer_out);
+    fmi2Boolean *boolean_out = x->get_booleans;
+    for (end = move + moves[GET_BOOLEANS]; move < end; boolean_out += move++->count)
+        for (uint32_t i = 0; i < move->count; i++) boolean_out[i] = record[move->offset + i] != 0;
+    fmi2String *text_out = x->get_texts;
+    for (end = move + moves[GET_TEXTS]; move < end; move++) {
+        const Variable *v = VARIABLES + move->offset;
+        int32_t used;
+        memcpy(&used, record + v->length, sizeof used);
+        if (used < 0 || (size_t)used > v->count) return NOT_READ;
+        *text_out++ = text_of(s, v, used);
+    }
+    return OK;
 }
 
 EXPORT fmi2Status fmi2CancelStep(fmi2Component c) {

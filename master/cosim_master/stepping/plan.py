@@ -49,6 +49,7 @@ from cosim_master.stepping.kernels.tables import (
     Plan,
 )
 from cosim_master.stepping.layout import TERM, Layout, Ports
+from cosim_master.stepping.whole import enter_whole_steps, memory_of_whole_steps
 from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
@@ -94,7 +95,8 @@ def make_plan(
     wires["factor"], wires["offset"] = real.factor, real.offset
     feeds = _feeds(layout, wires)
     n_values = sum(len(one.inputs) + len(one.outputs) for one in kinds)
-    memory = CallMemory(n_values + 2 * len(slaves), n_values, ANSWERS * (len(slaves) + 1))
+    further = ANSWERS * (len(slaves) + 1) + memory_of_whole_steps(len(free), n_values)
+    memory = CallMemory(n_values + 2 * len(slaves), n_values, further)
     calls = [one.calls(memory) for one in slaves]
     ports, rx, capacity = _packet_ports(layout, network, calls)
     constants = _first_constants(layout, kinds)
@@ -105,11 +107,13 @@ def make_plan(
     instances = _instance_table(clock, network, slaves, memory, free)
     # Large blocks, if each thread gets many: the first instances of a block are not prefetched.
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)), min(96, len(free) // (32 * threads)))
+    rows_of_calls = _calls(instances, feeds, values, ports, calls, kinds, slopes, derivatives)
+    enter_whole_steps(instances, rows_of_calls, slaves, free, memory)
     confined = [*(master.sequence or sorted(set(range(len(slaves))) - set(free)))]
     page = mmap.mmap(-1, mmap.PAGESIZE)
     return Plan(
         instances=table(instances),
-        calls=table(_calls(instances, feeds, values, ports, calls, kinds, slopes, derivatives)),
+        calls=table(np.array(rows_of_calls, dtype=CALL)),
         feeds=table(feeds),
         input_runs=table(runs_of(feeds, clock.periods)),
         sources=_sources(kinds, constants),
@@ -385,8 +389,8 @@ def _calls(
     kinds: Sequence[Ports],
     slopes: np.ndarray[Any, Any],
     derivatives: np.ndarray[Any, Any],
-) -> np.ndarray[Any, Any]:
-    """Returns the CALL table, and stores in `instances` the calls that belong to each instance."""
+) -> list[Row]:
+    """Returns the rows of the CALL table, and stores in `instances` the calls that belong to each instance."""
     rows: list[Row] = []
     inputs = _Side("Set", [one for p in kinds for one in p.inputs], values.real_in, values.int_in)
     outputs = _Side("Get", [one for p in kinds for _, one in p.outputs], values.real_out, values.int_out)
@@ -424,7 +428,7 @@ def _calls(
             rows += packets.calls("Get", one, e)
     for name, numbers in bounds.items():
         instances[name] = numbers
-    return np.array(rows, dtype=CALL)
+    return rows
 
 
 class _Packets:

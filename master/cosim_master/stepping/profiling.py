@@ -101,6 +101,7 @@ class Profiler:
         rows = plan.instances
         plan.ahead["begin"] = 0  # the functions measured make whole steps
         rows["expect"] = 0  # its argument is a handle of the FMU
+        rows["whole"] = 0  # its parts are measured one by one
         self._slaves = slaves
         self._steps, self._calls = np.zeros(len(rows), dtype=_TIMED), np.zeros(len(plan.calls), dtype=_TIMED)
         self._steps["function"], self._steps["handle"] = rows["do_step"], rows["handle"]

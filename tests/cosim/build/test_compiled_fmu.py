@@ -40,7 +40,8 @@ FreeInstance GetBoolean GetBooleanStatus GetDirectionalDerivative GetFMUstate Ge
 GetRealOutputDerivatives GetRealStatus GetStatus GetString GetStringStatus GetTypesPlatform GetVersion Instantiate
 Reset SerializeFMUstate SerializedFMUstateSize SetBoolean SetDebugLogging SetFMUstate SetInteger SetReal
 SetRealInputDerivatives SetString SetupExperiment Terminate"""
-EXPORTED = {"uav_cosim_expect", *(f"fmi2{name}" for name in FUNCTIONS.split())}
+OWN = ("uav_cosim_expect", "uav_cosim_step", "uav_cosim_whole")
+EXPORTED = {*OWN, *(f"fmi2{name}" for name in FUNCTIONS.split())}
 
 
 def _load(file: str) -> ModuleType:

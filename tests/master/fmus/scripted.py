@@ -120,6 +120,9 @@ class Scripted:
     def address(self, function: str) -> int:
         return ctypes.cast(self._functions[function], ctypes.c_void_p).value or 0
 
+    def address_if(self, function: str) -> int:
+        return self.address(function) if function in self._functions else 0
+
     def calls(self, memory: CallMemory) -> Calls2:
         return Calls2(self.address, self.handle, memory)
 

@@ -21,8 +21,10 @@ from cosim_master.stepping.kernels.fmi_calls import (
     get_or_set3,
     load_f8,
     load_i4,
+    load_i8,
     load_u1,
     note,
+    step_whole,
     store_i1,
 )
 from cosim_master.stepping.kernels.tables import (
@@ -45,7 +47,9 @@ from cosim_master.stepping.kernels.tables import (
     NO_EVENT,
     NOT_A_NUMBER,
     NOT_BASE64,
+    NOT_BEGUN,
     NOT_CALLED,
+    NOT_READ,
     PER_NS,
     RUNNING,
     START,
@@ -296,6 +300,12 @@ def _expect(instances: NDArray[Any], i: Any, k: int, begins: bool) -> None:
 
 
 @inlined
+def _step_whole(whole: Any, t: float, h: float) -> int:
+    """Makes a step in one call, whose arguments are in the WHOLE row at an address; returns what it answers."""
+    return int(step_whole(np.uintp(load_i8(whole)), np.uintp(whole + np.uintp(8)), t, h))
+
+
+@inlined
 def step_some(
     instances: NDArray[Any],
     calls: NDArray[Any],
@@ -327,30 +337,40 @@ def step_some(
         m = instances[i]
         if np.int64(n) < expecting:
             _expect(instances, np.uintp(chosen[n + np.uintp(_AHEAD)]), k, begins)
-        well, later = True, False
+        well, later, read = True, False, False
         since = 0 if m.period == 1 else k % m.period
         if failed > 0 and _corrupted(instances, m.library):
             fail(instances, i, DO_STEP, NOT_CALLED, 0)
             well = False
         elif since == 0:
+            if m.length != min(m.period, left):
+                m.length = min(m.period, left)
+                m.h = m.length * base / per_second
             packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
-            well = _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.last_set, at)
-            if well:
-                if m.length != min(m.period, left):
-                    m.length = min(m.period, left)
-                    m.h = m.length * base / per_second
-                note(at, m)
-                if m.answers == np.uintp(0):
-                    status = do_step2(m.do_step, m.handle, t, m.h, final)
-                else:
-                    # Times of events are whole nanoseconds.
-                    status = _do_step3(m, t, m.h, final, 0.0 if counters[PER_NS] == 1 else 6e-10)
-                later = status == LEFT
-                if not later and (status > 1 or status < 0):
-                    fail(instances, i, DO_STEP, status, 0)
-                    well = False
+            status = NOT_BEGUN
+            if m.whole != np.uintp(0) and m.length == 1:
+                well = not packets or _call(instances, calls, i, m.first_set, m.first_set_value, at)
+                if well:
+                    note(at, m)
+                    status = _step_whole(m.whole, t, m.h)
+                    packets, read = False, status != NOT_READ
+                    status = 0 if status == NOT_READ else status
+            if well and status == NOT_BEGUN:
+                read = False
+                well = _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.last_set, at)
+                if well:
+                    note(at, m)
+                    if m.answers == np.uintp(0):
+                        status = do_step2(m.do_step, m.handle, t, m.h, final)
+                    else:
+                        # Times of events are whole nanoseconds.
+                        status = _do_step3(m, t, m.h, final, 0.0 if counters[PER_NS] == 1 else 6e-10)
+            later = status == LEFT
+            if well and not later and (status > 1 or status < 0):
+                fail(instances, i, DO_STEP, status, 0)
+                well = False
         if since + 1 == m.length and well and not later:
-            well = _call(instances, calls, i, m.first_get, m.last_get, at)
+            well = read or _call(instances, calls, i, m.first_get, m.last_get, at)
             if m.endpoint >= 0 and well:
                 _collect_packets(instances, calls, ports, i, encoded, tx, at)
                 well = m.failed[0] == 0

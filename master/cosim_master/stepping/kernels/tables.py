@@ -55,7 +55,9 @@ __all__ = [
     "NAN_ALLOWED",
     "NOT_A_NUMBER",
     "NOT_BASE64",
+    "NOT_BEGUN",
     "NOT_CALLED",
+    "NOT_READ",
     "NO_EVENT",
     "ORDER",
     "PER_NS",
@@ -80,6 +82,7 @@ __all__ = [
     "TICKET",
     "TOO_LONG",
     "UNTIL",
+    "WHOLE",
     "WINDOW",
     "WIRE",
 ]
@@ -107,6 +110,10 @@ NO_EVENT = 0xFFFF00
 """Bits of the first four bytes of ANSWERS that indicate more than an event in the step."""
 LEFT = -8
 """Replaces a status: the step is left to Event Mode."""
+NOT_BEGUN, NOT_READ = -1, -2
+"""What a step in one call answers instead of a status: nothing has been done, or the outputs have not been read; the
+calls of FMI, which the loop then makes, tell why.
+"""
 ENDED, EARLY = -6, -7
 """Replace a status: an FMI 3 FMU requests the end of the simulation; it has not simulated the whole step."""
 FATAL = 4
@@ -117,6 +124,7 @@ INSTANCE = np.dtype(
         ("handle", "u8"),
         ("do_step", "u8"),
         ("expect", "u8"),  # of our FMUs in large swarms: a function that prefetches its memory, 0: none
+        ("whole", "u8"),  # of our FMUs: address of a WHOLE row, if one call sets its inputs, steps and gets; 0: none
         ("answers", "u8"),  # of FMI 3: address of what fmi3DoStep answers, see ANSWERS; 0 is FMI 2
         ("h", "f8"),  # its present step in s
         ("period", "i8"),  # base steps per step of the instance
@@ -133,6 +141,15 @@ INSTANCE = np.dtype(
     align=True,
 )
 """This record is small, since memory traffic costs more than computation with thousands of instances."""
+WHOLE = np.dtype(
+    [
+        ("step", "u8"),  # uav_cosim_step, which takes the address of the next field
+        ("handle", "u8"),
+        ("moves", "u8"),  # address of what uav_cosim_whole has noted
+        ("values", "u8", (7,)),  # addresses of the inputs and outputs of each kind, and of the text of its packets
+    ]
+)
+"""The arguments of a step in one call (see fmi2.c); in `Plan.native`."""
 FEED = np.dtype(
     [
         ("instance", "u4"),
@@ -309,8 +326,9 @@ class Plan(NamedTuple):
 
 ROLES = declared(
     CONSTANT="""
-        instances.handle instances.do_step instances.expect instances.answers instances.library instances.endpoint
-        instances.first_set instances.first_set_value instances.last_set instances.first_get instances.last_get
+        instances.handle instances.do_step instances.expect instances.whole instances.answers instances.library
+        instances.endpoint instances.first_set instances.first_set_value instances.last_set instances.first_get
+        instances.last_get
         calls feeds input_runs sources wires int_to_real value_maps
         real_recorded int_recorded grids delays slopes.input slopes.instance confined free ahead members
         positions

@@ -1,0 +1,87 @@
+"""Steps of instances in one call: inputs, step and outputs together, where an FMU has the functions for that.
+
+FMUs of this project have two functions besides those of FMI (see fmi2.c in `cosim.build.native`). A master tells
+`uav_cosim_whole` once which variables it sets and gets in each step; `uav_cosim_step` then does the work of up to eight
+calls of FMI. Where it cannot, such as for an input outside its limits, the loop makes these calls, which say why.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim_master.fmi.calls import FUNCTIONS, CallMemory, Row
+from cosim_master.fmi.slaves.slave import Slave
+from cosim_master.stepping.kernels.tables import WHOLE
+
+__all__ = ["enter_whole_steps", "memory_of_whole_steps"]
+
+_GROUPS = [
+    FUNCTIONS.index(f"fmi2{name}")
+    for name in ("SetReal", "SetInteger", "SetBoolean", "GetReal", "GetInteger", "GetBoolean", "GetString")
+]
+"""The functions that a step in one call replaces, by their numbers, in the order of fmi2.c."""
+_HEAD, _MOVE = 4 * (len(_GROUPS) + 1), 24
+"""Bytes of what uav_cosim_whole writes: at its begin, and at most for each variable."""
+
+
+def memory_of_whole_steps(instances: int, values: int) -> int:
+    """Returns the bytes that `enter_whole_steps` takes at most: of instances that set and get so many values."""
+    return instances * (WHOLE.itemsize + _HEAD + _MOVE) + _MOVE * values
+
+
+def enter_whole_steps(
+    instances: NDArray[np.void],
+    calls: Sequence[Row],
+    slaves: Sequence[Slave],
+    free: Sequence[int],
+    memory: CallMemory,
+) -> None:
+    """Enters into `instances` how the instances `free` make a step in one call.
+
+    Args:
+        instances: the INSTANCE table, with the numbers of its calls.
+        calls: all calls, as rows.
+        memory: receives the arguments.
+    """
+    functions: dict[int, tuple[int, int]] = {}
+    noted: dict[tuple[object, ...], int] = {}
+    first_set, last_set, first_get, last_get = (
+        instances[name].tolist() for name in ("first_set_value", "last_set", "first_get", "last_get")
+    )
+    for i in free:
+        library = slaves[i].library
+        if (found := functions.get(id(library))) is None:
+            found = library.address_if("uav_cosim_whole"), library.address_if("uav_cosim_step")
+            functions[id(library)] = found
+        note, step = found
+        own = (*calls[first_set[i] : last_set[i]], *calls[first_get[i] : last_get[i]])
+        by_function = {row[5]: row for row in own}
+        if not step or not by_function.keys() <= {*_GROUPS} or len(by_function) != len(own):
+            continue
+        groups = [by_function.get(number) for number in _GROUPS]
+        key = (note, *((row[2], row[4]) if row else None for row in groups))
+        if (moves := noted.get(key)) is None:
+            moves = noted[key] = _noted(note, groups, memory)
+        if not moves:
+            continue
+        address = memory.take(WHOLE.itemsize)
+        values = [row[3] if row else 0 for row in groups]
+        row = np.array((step, slaves[i].handle, moves, values), dtype=WHOLE)
+        ctypes.memmove(address, row.ctypes.data, WHOLE.itemsize)
+        instances["whole"][i] = address
+
+
+def _noted(note: int, groups: Sequence[Row | None], memory: CallMemory) -> int:
+    """Returns the address of what an FMU has noted on variables; 0 if it cannot set or get one of them so."""
+    numbers = [row[4] if row else 0 for row in groups]
+    references = [list((ctypes.c_uint32 * row[4]).from_address(row[2])) for row in groups if row]
+    every = [one for own in references for one in own]
+    moves = memory.take(_HEAD + _MOVE * len(every))
+    pointer = ctypes.c_void_p
+    whole = ctypes.CFUNCTYPE(ctypes.c_int, pointer, pointer, pointer)(note)
+    refused = whole((ctypes.c_uint32 * len(numbers))(*numbers), (ctypes.c_uint32 * len(every))(*every), moves)
+    return 0 if refused else moves

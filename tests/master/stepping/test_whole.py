@@ -1,0 +1,167 @@
+"""Steps in one call: what the loop then calls, what it calls where that fails, and that no bit changes."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim_master import RunOptions, simulate
+from cosim_master.network.radio.build import make_radio
+from cosim_master.stepping import plan as plans
+from cosim_master.stepping.kernels.instances import collect_all
+from cosim_master.stepping.kernels.macro_step import run
+from cosim_master.stepping.kernels.tables import DO_STEP, DONE, FAILED, NOT_BEGUN, NOT_READ, Plan
+from cosim_master.stepping.layout import make_layout
+from cosim_master.stepping.plan import make_plan
+from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.radio.nodes import Endpoint, Node
+from cosim_master.system.settings.time_grid import time_grid
+from tests.master.fmus.scripted import Scripted, system_of, variable
+
+LINE5 = Path(__file__).parents[3] / "master" / "systems" / "line5"
+U, Y = variable("u", "input", reference=0), variable("y", "output", reference=1)
+N, ON = variable("n", "input", "Integer", 2), variable("on", "output", "Boolean", 3)
+TX = variable("mavlink_tx", "output", "String", 9, capacity=200)
+GROUPS = ("u", "n", "", "y", "", "on", "mavlink_tx")
+
+
+class WholeRow(ctypes.Structure):
+    """What the loop passes to `uav_cosim_step`."""
+
+    _fields_ = [("handle", ctypes.c_void_p), ("moves", ctypes.c_void_p), ("values", ctypes.c_void_p * 7)]
+
+
+class Whole(Scripted):
+    """A scripted instance that makes steps in one call, which answers `answer(k)`; u is copied to y, n > 0 to on."""
+
+    def __init__(self, log: list[str], answer: Callable[[int], int], *, refuses: bool = False, **more: Any) -> None:
+        def do_step(self: Scripted, t: float, h: float) -> None:
+            self.values["y"], self.values["on"] = self.values["u"], self.values["n"] > 0
+
+        values = {"u": 0.0, "y": 0.0, "n": 0, "on": False, "mavlink_tx": ""}
+        super().__init__("b", [U, Y, N, ON, TX], do_step, values, log, **more)
+        self.noted: list[list[int]] = []
+        texts: list[bytes] = []
+
+        def note(numbers: Any, references: Any, _: int) -> int:
+            own = iter(references[: sum(numbers[:7])])
+            self.noted += [[next(own) for _ in range(n)] for n in numbers[:7]]
+            return int(refuses)
+
+        def step(at: Any, t: float, h: float) -> int:
+            row, k = at[0], round(t)
+            if (answered := answer(k)) == NOT_BEGUN:
+                return NOT_BEGUN
+            assert row.handle == self.handle
+            self.values["u"] = ctypes.c_double.from_address(row.values[0]).value
+            self.values["n"] = ctypes.c_int.from_address(row.values[1]).value
+            do_step(self, t, h)
+            self.log.append(f"b: whole step {t:g} + {h:g}")
+            if answered == 0:
+                ctypes.c_double.from_address(row.values[3]).value = self.values["y"]
+                ctypes.c_int.from_address(row.values[5]).value = self.values["on"]
+                texts[:] = [self.values["mavlink_tx"].encode()]
+                place = ctypes.c_char_p.from_address(row.values[6])
+                place.value = texts[0]
+            return answered
+
+        pointer = ctypes.POINTER
+        self._define("uav_cosim_whole", note, pointer(ctypes.c_uint), pointer(ctypes.c_uint), ctypes.c_void_p)
+        self._define("uav_cosim_step", step, pointer(WholeRow), ctypes.c_double, ctypes.c_double)
+
+
+def source(log: list[str]) -> Scripted:
+    """An instance with y = t + h and n = the number of its steps."""
+
+    def do_step(self: Scripted, t: float, h: float) -> None:
+        self.values["y"] = t + h
+        self.values["n"] += 1
+
+    outputs = [variable("y", "output", reference=1), variable("n", "output", "Integer", 2)]
+    return Scripted("a", outputs, do_step, {"y": 0.5, "n": 0}, log)
+
+
+def plan_of(whole: Whole, until: float = 6.0) -> tuple[Plan, Any]:
+    ordered = [source(whole.log), whole]
+    checked = system_of(ordered, [("a.y", "b.u"), ("a.n", "b.n")])
+    network = Network(nodes=(Node("b", (Endpoint("b", None, TX),)),))
+    layout = make_layout(checked, network, observed=[("b", "y"), ("b", "on")])
+    clock = time_grid(checked, until)
+    plan = make_plan(layout, clock, network, ordered, 1, free=[0, 1])  # type: ignore[arg-type]
+    collect_all(plan)
+    whole.log.clear()
+    return plan, make_radio(network, layout.ports["Real"].index, keep=True)
+
+
+STEP_OF_FMI = ["b: set u = 0.5", "b: set n = 0", "b: doStep 0 + 1", "b: get y", "b: get on", "b: get mavlink_tx"]
+
+
+def calls_of(log: list[str]) -> list[str]:
+    return [line for line in log if line.startswith("b:")]
+
+
+def test_a_step_in_one_call_replaces_all_others() -> None:
+    whole = Whole([], lambda k: 0)
+    plan, radio = plan_of(whole)
+    assert whole.noted == [[0], [2], [], [1], [], [3], [9]]
+    assert run(plan, radio, 2) == DONE
+    assert calls_of(whole.log) == ["b: whole step 0 + 1", "b: whole step 1 + 1"]
+    at = {name: place for place, name in enumerate(("a.y", "b.y"))}
+    assert plan.real_out[at["a.y"]] == 2.0
+    assert plan.real_out[at["b.y"]] == 1.0  # the inputs of the second step: y and n of a at 1 s
+
+
+def test_what_no_single_call_can_do_the_calls_of_fmi_do() -> None:
+    whole = Whole([], lambda k: NOT_BEGUN)
+    plan, radio = plan_of(whole)
+    assert run(plan, radio, 1) == DONE
+    assert calls_of(whole.log) == STEP_OF_FMI
+
+
+def test_outputs_that_a_step_has_not_read_are_got_by_the_calls_of_fmi() -> None:
+    whole = Whole([], lambda k: NOT_READ)
+    plan, radio = plan_of(whole)
+    assert run(plan, radio, 1) == DONE
+    assert calls_of(whole.log) == ["b: whole step 0 + 1", *STEP_OF_FMI[3:]]
+
+
+@pytest.mark.parametrize("status", [2, 3, 4])
+def test_a_step_that_fails_is_a_failed_step_of_fmi(status: int) -> None:
+    whole = Whole([], lambda k: status if k == 1 else 0)
+    plan, radio = plan_of(whole)
+    assert run(plan, radio, 6) == FAILED
+    assert list(plan.instances[1]["failed"][:2]) == [DO_STEP, status]
+    assert list(plan.instances[0]["failed"][:2]) == [0, 0]
+
+
+def test_an_fmu_that_refuses_is_called_as_any_other() -> None:
+    whole = Whole([], lambda k: 0, refuses=True)
+    plan, radio = plan_of(whole)
+    assert not plan.instances["whole"].any()
+    assert run(plan, radio, 1) == DONE
+    assert calls_of(whole.log) == STEP_OF_FMI
+
+
+def test_a_step_of_several_base_steps_ends_later() -> None:
+    """Its outputs are those of its end, so it is begun and ended by the calls of FMI; the last step is a short one."""
+    whole = Whole([], lambda k: 0, step_size=2.0)
+    plan, radio = plan_of(whole, until=5.0)
+    assert run(plan, radio, 5) == DONE
+    steps = [line for line in calls_of(whole.log) if "tep" in line]
+    assert steps == ["b: doStep 0 + 2", "b: doStep 2 + 2", "b: whole step 4 + 1"]
+
+
+def test_a_swarm_records_the_same_bits_either_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def recorded(name: str, threads: int) -> dict[str, bytes]:
+        out = tmp_path / name
+        assert simulate(LINE5, RunOptions(out=out, until=4.0, threads=threads)).outcome == "done"
+        return {one: (out / one).read_bytes() for one in ("signals.parquet", "packets.parquet", "packets.tlog")}
+
+    whole = recorded("whole", 1)
+    assert recorded("two", 2) == whole
+    monkeypatch.setattr(plans, "enter_whole_steps", lambda *_: None)
+    assert recorded("calls", 1) == whole
