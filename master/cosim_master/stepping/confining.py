@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from cosim.kernel import table
 from cosim_master.fmi.calls import KINDS
 from cosim_master.stepping.kernels.tables import Plan
 from cosim_master.stepping.layout import Layout
+from cosim_master.stepping.plan import runs_of
 
 _Places = NDArray[np.int64]
 
@@ -53,24 +53,10 @@ def confined(plan: Plan, layout: Layout, periods: Sequence[int], elsewhere: Coll
     reals, integers = columns_of_part(layout, elsewhere)
     rows = plan.ticks.size
     return plan._replace(
-        input_runs=table(_runs(plan.feeds, periods, away)),
+        input_runs=table(runs_of(plan.feeds, periods, here=~away)),
         confined=np.array([i for i in plan.confined if not away[i]], dtype=np.int64),
         real_recorded=plan.real_recorded[reals],
         int_recorded=plan.int_recorded[integers],
         real_block=np.zeros((rows, reals.size)),
         int_block=np.zeros((rows, integers.size), dtype=np.int32),
     )
-
-
-def _runs(feeds: NDArray[Any], periods: Sequence[int], away: NDArray[np.bool_]) -> NDArray[Any]:
-    """Returns the feeds of the instances here, joined for neighbours of one period whose inputs are adjacent."""
-    if not len(feeds):
-        return feeds
-    begins = np.ones(len(feeds), dtype=bool)
-    plain = feeds["plain"].astype(np.int64)
-    begins[1:] = (np.diff(periods) != 0) | (np.diff(plain) != 0) | (np.diff(away.astype(np.int64)) != 0)
-    runs = feeds[begins]
-    ends = np.append(np.flatnonzero(begins)[1:], len(feeds)) - 1
-    last: Any = feeds[ends]
-    runs["last_in"], runs["last_out"] = last["last_in"], last["last_out"]
-    return runs[~away[begins]]

@@ -324,24 +324,32 @@ def _feeds(layout: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 
 def runs_of(
-    feeds: np.ndarray[Any, Any], periods: Sequence[int], firsts: Sequence[int] | np.ndarray[Any, Any] = ()
+    feeds: np.ndarray[Any, Any],
+    periods: Sequence[int],
+    firsts: Sequence[int] | np.ndarray[Any, Any] = (),
+    here: np.ndarray[Any, Any] | None = None,
 ) -> np.ndarray[Any, Any]:
-    """Returns the feeds, joined for neighbouring instances of one period, since their inputs are adjacent.
+    """Returns the feeds of the instances that have inputs, joined where these are adjacent and of one period.
 
     Args:
-        firsts: instances that are not joined with the one before.
+        firsts: instances that are not joined with those before.
+        here: whether each instance is fed; None: all.
     """
-    if not len(feeds):
-        return feeds
-    begins = np.ones(len(feeds), dtype=bool)
-    plain: np.ndarray[Any, Any] = feeds["plain"].astype(np.int64)
-    begins[1:] = (np.diff(periods) != 0) | (np.diff(plain) != 0)
-    begins[np.asarray(firsts, dtype=np.int64)] = True
-    runs = feeds[begins]
-    ends = np.append(np.flatnonzero(begins)[1:], len(feeds)) - 1
-    last: Any = feeds[ends]
-    runs["last_in"], runs["last_out"] = last["last_in"], last["last_out"]
-    return runs
+    table: Any = feeds
+    fed = (table["last_in"] > table["first_in"]).any(axis=1)
+    kept = np.flatnonzero(fed if here is None else fed & here)
+    runs: Any = table[kept]
+    if not kept.size:
+        return np.asarray(runs)
+    plain, period = runs["plain"].astype(np.int64), np.asarray(periods)[kept]
+    group = np.searchsorted(np.asarray(firsts, dtype=np.int64), kept, side="right")
+    begins = np.ones(kept.size, dtype=bool)
+    begins[1:] = (np.diff(period) != 0) | (np.diff(plain) != 0) | (np.diff(group) != 0)
+    begins[1:] |= (runs["first_in"][1:] != runs["last_in"][:-1]).any(axis=1)
+    ends = np.append(np.flatnonzero(begins)[1:], kept.size) - 1
+    joined, last = runs[begins], runs[ends]
+    joined["last_in"], joined["last_out"] = last["last_in"], last["last_out"]
+    return np.asarray(joined)
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,6 +81,17 @@ def test_the_connector_of_a_system(explained: Any) -> None:
     ]
 
 
+def test_a_pattern_is_the_explanation_of_all_that_match_in_their_order(explained: Any) -> None:
+    assert explained("*.y") == explained("b.y") + explained("in.a.y")
+    assert explained("in.*e?p") == explained("in.deep")
+    assert explained("b.?") == [line for one in "unpeym" for line in explained(f"b.{one}")]
+
+
+def test_a_pattern_that_matches_nothing(explained: Any) -> None:
+    with pytest.raises(SystemDescriptionError, match=r'"b\.\*x" matches no variable; '):
+        explained("b.*x")
+
+
 def test_a_name_that_is_none(explained: Any) -> None:
     with pytest.raises(SystemDescriptionError, match=r'there is no variable "b\.x"; did you mean "b\.u"'):
         explained("b.x")

@@ -218,10 +218,12 @@ def _shortened(names: list[str]) -> str:
     return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
-@verb("explain line5 'drone3.vehicle.position_start[2]'")
+@verb("explain line5 'drone3.vehicle.position_start[2]'", "explain line5 'drone*.agent.epsilon'")
 def explain(
     system: System,
-    name: Annotated[str, typer.Argument(metavar="COMPONENT.VARIABLE", help="Hierarchical name of a variable.")],
+    name: Annotated[
+        str, typer.Argument(metavar="COMPONENT.VARIABLE", help="Hierarchical name of a variable, or a pattern.")
+    ],
     variant: Variant = None,
     settings: Settings = None,
     as_json: Json = False,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
-from cosim_master.diagnostics.names import near
+from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
 from cosim_master.fmi.description.read import Variable
 from cosim_master.system.flatten.flat import Alias, CheckedSystem, ComponentInstance, FlatConnection
 from cosim_master.system.flatten.parameters import Assignment
@@ -14,15 +14,23 @@ __all__ = ["explain"]
 
 
 def explain(checked: CheckedSystem, name: str) -> list[str]:
-    """Returns lines of text about the origin of the value of one variable of a component.
+    """Returns lines of text about the origin of the value of one variable of a component, or of several.
 
     Args:
         checked: the system.
-        name: hierarchical name of the variable ("drone3.agent.epsilon") or of a system's connector.
+        name: hierarchical name of the variable ("drone3.agent.epsilon") or of a system's connector, or a pattern
+            ("drone*.agent.epsilon") of such names.
 
     Raises:
-        SystemDescriptionError: the variable does not exist.
+        SystemDescriptionError: the variable does not exist, or nothing matches.
     """
+    if is_pattern(name):
+        known = [f"{one.name}.{variable}" for one in checked.instances for variable in one.fmu.variables]
+        known += [one.name for one in checked.aliases]
+        if not (matches := matching(name, known)):
+            text = f'"{name}" matches no variable; {near_pattern(name, known)}'
+            raise SystemDescriptionError([Problem(checked.structure.where, text)])
+        return [line for one in dict.fromkeys(matches) for line in explain(checked, one)]
     found = [
         (instance, variable)
         for instance in checked.instances

@@ -169,6 +169,15 @@ def _collect_packets(
             collect(instances, ports, i, e, encoded, tx)
 
 
+@inlined
+def _is_silent(port: Any) -> bool:
+    """Returns whether an instance with one endpoint has sent no text, as in most steps."""
+    if port.further != 0 or port.binary != 0 or port.has_tx == 0 or port.got == np.uintp(0) or byte_at(port.got) != 0:
+        return False
+    port.sent = 0
+    return True
+
+
 @kernel
 def collect(
     instances: NDArray[Any], ports: NDArray[Any], i: int, e: int, encoded: NDArray[np.uint8], tx: NDArray[np.uint8]
@@ -338,7 +347,7 @@ def step_some(
         if np.int64(n) < expecting:
             _expect(instances, np.uintp(chosen[n + np.uintp(_AHEAD)]), k, begins)
         well, later, read = True, False, False
-        since = 0 if m.period == 1 else k % m.period
+        since = 0 if m.period == 1 else np.int64(np.uintp(k) % np.uintp(m.period))
         if failed > 0 and _corrupted(instances, m.library):
             fail(instances, i, DO_STEP, NOT_CALLED, 0)
             well = False
@@ -371,7 +380,7 @@ def step_some(
                 well = False
         if since + 1 == m.length and well and not later:
             well = read or _call(instances, calls, i, m.first_get, m.last_get, at)
-            if m.endpoint >= 0 and well:
+            if m.endpoint >= 0 and well and not _is_silent(ports[m.endpoint]):
                 _collect_packets(instances, calls, ports, i, encoded, tx, at)
                 well = m.failed[0] == 0
         if not well:

@@ -77,6 +77,8 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
             air[2] + rates[0] * y - rates[1] * x,
         )
         speed = _effective_speed(m, float(m.stage_speed[stage, i]), hub[2])
+        if speed == 0.0:
+            continue  # its force and its moment are zero, too
         thrust = m.thrust_now * speed * speed
         turning = float(m.rotor_direction[i])
         f = rotor_force(speed, thrust, hub, m.vanishing, m.rotor_drag)
