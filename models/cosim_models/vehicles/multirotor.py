@@ -255,6 +255,7 @@ _MEMORY = (
     Memory("motion_before", shape=13),  # position, velocity, angular velocity, attitude at the end of the step before
     Memory("kept_acceleration", shape=3),  # at the end of the step before, m/s2, NED
     Memory("kept_turning", shape=3),  # angular acceleration at the end of the step before, rad/s2, FRD
+    Memory("rests", dtype="?"),  # whether it stands still on the ground, and would go on to
     Memory("is_pushed", dtype="?"),  # whether the force of the surroundings is not zero
     Memory("is_blown", dtype="?"),  # whether there is added wind
     Memory("vanishing"),  # 1 / axial_speed_limit, s/m

@@ -568,6 +568,46 @@ def test_dropped_it_comes_to_rest(model: type[Model], height: float, tilt: float
     assert abs(m.position[2]) < 0.15
 
 
+def test_a_vehicle_that_stands_still_remains_as_it_is_until_something_acts_on_it() -> None:
+    """Beside one that is integrated in every step. What stands still has up to 1e-9 m/s and 1e-9 rad/s left."""
+    rests, moves = (vehicle(down=-0.0, linear_drag=0.2) for _ in range(2))
+    still = []
+    for k in range(9000):
+        for m in (rests, moves):
+            m.motor[:4] = (0.72, 0.71, 0.72, 0.715) if 7200 <= k < 7400 else 0.0
+            m.wind[0] = 8.0 if 800 <= k < 2400 else 0.0
+            m.force[1] = 1.0 if 4000 <= k < 5600 else 0.0
+        moves.rests = False
+        before = rests.tobytes()
+        for m in (rests, moves):
+            assert kernels(Quadrotor)[1](m, k * H, H) == 0
+        still.append(rests.tobytes() == before)
+        for name in ("position", "velocity", "attitude", "angular_velocity"):
+            assert np.allclose(rests[name], moves[name], rtol=0.0, atol=2e-9), (k, name)
+        assert np.allclose(rests.specific_force, moves.specific_force, rtol=0.0, atol=1e-6), k
+        assert rests.on_ground == moves.on_ground
+    assert still[0]
+    for change in (800, 2400, 4000, 5600, 7200):
+        assert still[change - 1], change
+        assert not any(still[change : change + 100]), change
+    assert not any(still[7200:7500])  # it flies and falls
+    assert all(still[8500:])
+
+
+@pytest.mark.parametrize("model", VEHICLES)
+def test_rotors_that_turn_or_are_to_turn_never_rest(model: type[Model]) -> None:
+    m = vehicle(model, down=0.0)
+    n = int(m.rotor_count)
+    run(m, 1.0, model=model)
+    m.motor[n - 1] = 1e-3
+    run(m, H, model=model)
+    assert m.rotor_speed[n - 1] > 0.0
+    m.motor[n - 1] = 0.0
+    before = float(m.rotor_speed[n - 1])
+    run(m, H, model=model)
+    assert m.rotor_speed[n - 1] < before
+
+
 def test_take_off_leaves_the_ground() -> None:
     m = vehicle(down=0.0)
     m.motor[:4] = 0.65

@@ -49,6 +49,10 @@ _FEET = 4
 CONTACTS = _FEET + MAX_MOTORS
 """Number of points that can touch the ground: the feet and the rotor hubs."""
 _BEGIN, _MIDDLE, _END = 0, 1, 2
+_STILL = 1e-9
+"""Greatest speed, m/s and rad/s, of a vehicle and of rotors that stand still."""
+_BALANCED = 1e-7
+"""Its greatest acceleration, m/s2 and rad/s2: its feet are within 1e-10 m of where they carry it."""
 
 ERRORS = {
     1: "mass and inertia must be positive",
@@ -439,6 +443,27 @@ def _stand(m: Any) -> None:
 
 
 @kernel
+def _have_stopped(m: Any) -> bool:
+    """Returns whether all rotors stand still, and are commanded to."""
+    stopped = True
+    for i in range(m.rotor_count):
+        stopped = stopped and m.rotor_speed[i] <= _STILL and m.target[i] == 0.0
+    return bool(stopped)
+
+
+@kernel
+def _is_balanced(m: Any, velocity: Vector, rates: Vector, acceleration: Vector, turning: Vector) -> bool:
+    """Returns whether the vehicle stands still on the ground, and stays there until something else acts on it."""
+    if not m.on_ground:
+        return False
+    speed = change = 0.0
+    for i in range(3):
+        speed = max(speed, abs(velocity[i]), abs(rates[i]))
+        change = max(change, abs(acceleration[i]), abs(turning[i]))
+    return speed <= _STILL and change <= _BALANCED
+
+
+@kernel
 def _publish(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: Vector) -> None:
     """Writes the motion and the quantities derived from it to the outputs."""
     acceleration, turning, specific = _accelerations(m, int(np.int64(_END)), position, velocity, q, rates)
@@ -455,6 +480,7 @@ def _publish(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: V
     for i in range(4):
         m.motion_before[9 + i] = q[i]
         m.attitude[i] = q[i]
+    m.rests = _is_balanced(m, velocity, rates, acceleration, turning)
 
 
 @kernel
@@ -484,7 +510,10 @@ def start(m: Any) -> int:
 
 @kernel
 def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """Advances the vehicle from `t` to `t + h` [s] in equal sub-steps of at most `substep`; inputs are constant."""
+    """Advances the vehicle from `t` to `t + h` [s] in equal sub-steps of at most `substep`; inputs are constant.
+
+    A vehicle that stands still with stopped rotors remains as it is until a command or its surroundings change.
+    """
     # A step that is a multiple of the sub-step up to rounding must not get an additional sub-step.
     steps = max(ceil(h / m.substep - 1e-6), 1)
     part = h / steps
@@ -493,6 +522,8 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     position, velocity = load(m.position), load(m.velocity)
     q, rates = load4(m.attitude), load(m.angular_velocity)
     kept = kept and _is_kept(m, position, velocity, q, rates)
+    if kept and m.rests and _have_stopped(m):
+        return 0
     for _ in range(steps):
         _turn_rotors(m, part)
         down = position[2]
