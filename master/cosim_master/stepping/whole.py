@@ -52,34 +52,39 @@ def enter_whole_steps(
     first_set, last_set, first_get, last_get = (
         instances[name].tolist() for name in ("first_set_value", "last_set", "first_get", "last_get")
     )
+    found: list[tuple[int, int, int, list[int]]] = []
+    owners: list[int] = []
     for i in free:
         library = slaves[i].library
-        if (found := functions.get(id(library))) is None:
-            found = library.address_if("uav_cosim_whole"), library.address_if("uav_cosim_step")
-            functions[id(library)] = found
-        note, step = found
+        if (known := functions.get(id(library))) is None:
+            known = library.address_if("uav_cosim_whole"), library.address_if("uav_cosim_step")
+            functions[id(library)] = known
+        note, step = known
+        if not step:
+            continue
         own = (*calls[first_set[i] : last_set[i]], *calls[first_get[i] : last_get[i]])
-        by_function = {row[5]: row for row in own}
-        if not step or not by_function.keys() <= {*_GROUPS} or len(by_function) != len(own):
-            continue
-        groups = [by_function.get(number) for number in _GROUPS]
-        key = (note, *((row[2], row[4]) if row else None for row in groups))
+        key = (note, *[(row[5], row[2], row[4]) for row in own])  # function, references and their number
         if (moves := noted.get(key)) is None:
-            moves = noted[key] = _noted(note, groups, memory)
-        if not moves:
-            continue
-        address = memory.take(WHOLE.itemsize)
-        values = [row[3] if row else 0 for row in groups]
-        row = np.array((step, slaves[i].handle, moves, values), dtype=WHOLE)
-        ctypes.memmove(address, row.ctypes.data, WHOLE.itemsize)
-        instances["whole"][i] = address
+            moves = noted[key] = _noted(note, own, memory)
+        if moves:
+            values = {row[5]: row[3] for row in own}
+            found.append((step, slaves[i].handle, moves, [values.get(number, 0) for number in _GROUPS]))
+            owners.append(i)
+    if found:
+        rows = np.array(found, dtype=WHOLE)
+        address = memory.take(rows.nbytes)
+        ctypes.memmove(address, rows.ctypes.data, rows.nbytes)
+        instances["whole"][owners] = address + WHOLE.itemsize * np.arange(rows.size, dtype=np.uint64)
 
 
-def _noted(note: int, groups: Sequence[Row | None], memory: CallMemory) -> int:
-    """Returns the address of what an FMU has noted on variables; 0 if it cannot set or get one of them so."""
-    numbers = [row[4] if row else 0 for row in groups]
-    references = [list((ctypes.c_uint32 * row[4]).from_address(row[2])) for row in groups if row]
-    every = [one for own in references for one in own]
+def _noted(note: int, calls: Sequence[Row], memory: CallMemory) -> int:
+    """Returns the address of what an FMU has noted on the variables of calls; 0 if one call cannot replace them."""
+    rows = {row[5]: row for row in calls}
+    if not rows.keys() <= {*_GROUPS} or len(rows) != len(calls):
+        return 0
+    numbers = [rows[number][4] if number in rows else 0 for number in _GROUPS]
+    own = [rows[number] for number in _GROUPS if number in rows]
+    every = [one for row in own for one in (ctypes.c_uint32 * row[4]).from_address(row[2])]
     moves = memory.take(_HEAD + _MOVE * len(every))
     pointer = ctypes.c_void_p
     whole = ctypes.CFUNCTYPE(ctypes.c_int, pointer, pointer, pointer)(note)
