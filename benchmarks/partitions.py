@@ -12,7 +12,7 @@ time and rate; the time of each window varies by `--noise`, and one in a hundred
 
 Part 0 also receives the recorded rows of all others, `--recorded` bytes per drone and simulated second.
 
-    python benchmarks/partitions.py [--drones 10000 100000] [--hosts 1 4 16 64] [--step-us 2.5] [--network-us 100]
+    python benchmarks/partitions.py [--drones 10000 100000] [--hosts 1 4 16 64] [--step-us 0.9] [--network-us 100]
                                     [--docs docs/scale.md]
 """
 
@@ -146,7 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--drones", type=int, nargs="+", default=[10_000, 100_000])
     parser.add_argument("--hosts", type=int, nargs="+", default=[1, 4, 16, 64])
     parser.add_argument("--window", type=int, default=4, help="base steps of 2.5 ms; 4 is half of 20 ms")
-    parser.add_argument("--step-us", type=float, default=1.2, help="a drone and base step, on all cores of a host")
+    parser.add_argument("--step-us", type=float, default=0.9, help="a drone and base step, on all cores of a host")
     parser.add_argument("--message-us", type=float, default=25.0)
     parser.add_argument("--packet-us", type=float, default=0.6)
     parser.add_argument("--window-us", type=float, default=300.0)

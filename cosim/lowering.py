@@ -32,7 +32,7 @@ from llvmlite import __version__ as llvmlite_version
 from llvmlite import ir as llvm_ir
 from numba import __version__ as numba_version
 from numba import from_dtype
-from numba.core import cgutils, compiler, errors, types, typing
+from numba.core import cgutils, compiler, config, errors, types, typing
 from numba.core.caching import _Cache
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.compiler_lock import global_compiler_lock
@@ -51,6 +51,7 @@ from cosim.kept import made_once, read_kept, write_kept
 __all__ = ["Kernel", "Lowered", "ShortRecord", "keep_only", "link", "saved_code"]
 
 _ENVIRONMENT = "_ZN08NumbaEnv"
+_config: Any = config  # whose names are made as it is read
 
 
 class Lowered(NamedTuple):
@@ -218,7 +219,8 @@ class _KeptCode(_Cache):  # type: ignore[misc]
     def _name(self, signature: Any, context: Any) -> str:
         code = self._function.__code__
         tools = (numba_version, llvmlite_version, sys.version_info[:2], context.codegen().magic_tuple())
-        what = repr((str(signature), code.co_firstlineno, tools))
+        level = int(_config.OPT)  # NUMBA_OPT, for debugging
+        what = repr((str(signature), code.co_firstlineno, tools, level))
         return f"{self._function.__qualname__}-{hashlib.sha256(what.encode()).hexdigest()[:24]}.kernel"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

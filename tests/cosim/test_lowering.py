@@ -117,9 +117,11 @@ class Garden:
         for name, text in (("__init__", ""), ("bed", BED), ("can", "FILL = 2.0\n")):
             (folder / "garden" / f"{name}.py").write_text(text)
 
-    def watered(self, cache: str, notes: list[str] | None = None, *, fork: bool = True) -> tuple[str, set[str]]:
+    def watered(
+        self, cache: str, notes: list[str] | None = None, *, fork: bool = True, **variables: str
+    ) -> tuple[str, set[str]]:
         """What a process prints, and the names of the files in its cache folder; `notes` gets its stderr."""
-        environment = {**os.environ, "XDG_CACHE_HOME": str(self.folder / cache)}
+        environment = {**os.environ, "XDG_CACHE_HOME": str(self.folder / cache), **variables}
         if fork:
             done = self._forked.run(CALL, str(self.folder), environment=environment)
         else:
@@ -150,6 +152,15 @@ def test_code_is_looked_for_in_the_package_then_in_the_cache_and_never_for_other
     assert printed == "5.5\n"
     assert len(other) == 1
     assert not other & first
+
+
+def test_code_for_a_debugger_is_not_taken_for_optimised_code(garden: Garden) -> None:
+    printed, slow = garden.watered("cache", fork=False, NUMBA_OPT="0")
+    assert printed == "4.0\n"
+    printed, both = garden.watered("cache", fork=False)
+    assert printed == "4.0\n"
+    assert len(both) == 2
+    assert slow < both
 
 
 @pytest.mark.parametrize("place", ["digest", "code", "last byte", "truncated", "empty"])

@@ -339,7 +339,7 @@ enum { NOT_BEGUN = -1, NOT_READ = -2 }; /* instead of a status: make the calls o
    0, or 1 if one of them is not of its group's type, or cannot be set in a step. */
 EXPORT int uav_cosim_whole(const uint32_t numbers[GROUPS], const fmi2ValueReference vr[], Moves *to) {
     static const Kind kinds[] = {REAL, INTEGER, BOOLEAN, REAL, INTEGER, BOOLEAN, PACKETS};
-    static const size_t sizes[] = {sizeof(fmi2Real), sizeof(fmi2Integer), 1, 0};
+    static const size_t sizes[] = {sizeof(fmi2Real), sizeof(fmi2Integer), 1}; /* in the record */
     Move *move = to->move;
     for (int g = 0; g < GROUPS; g++) {
         Move *first = move;
@@ -347,8 +347,9 @@ EXPORT int uav_cosim_whole(const uint32_t numbers[GROUPS], const fmi2ValueRefere
             if (*vr >= N_VARIABLES || VARIABLES[*vr].kind != kinds[g]) return 1;
             const Variable *v = VARIABLES + *vr;
             if (g < GET_REALS && v->role != INPUT && v->role != TUNABLE) return 1;
-            Move own = {v->min, v->max, kinds[g] == PACKETS ? *vr : (uint32_t)v->offset, 1}, *last = move - 1;
-            if (move > first && last->min == own.min && last->max == own.max && sizes[kinds[g]] &&
+            Move own = {v->min, v->max, kinds[g] == PACKETS ? *vr : (uint32_t)v->offset, 1};
+            Move *last = move > first && kinds[g] != PACKETS ? move - 1 : NULL;
+            if (last && last->min == own.min && last->max == own.max &&
                 last->offset + last->count * sizes[kinds[g]] == own.offset)
                 last->count++;
             else
