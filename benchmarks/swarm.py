@@ -19,6 +19,7 @@ recorded at 10 Hz, packets recorded. For each size two fresh processes:
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import os
 import subprocess
@@ -91,6 +92,7 @@ AIRBORNE = 12.0
 
 def run_once(folder: Path, scenario: str, seconds: float, threads: int | None, began: float) -> dict[str, Any]:
     """What `uav-cosim run FOLDER -o OUT --record '*.vehicle.position*'` does; `began` is when it was started."""
+    gc.set_threshold(50_000, 20, 50)  # as the command does
     first: list[float] = []
     processor = 0.0
     recording = 0.0

@@ -132,6 +132,7 @@ EXAMPLES = "an example in a help text, for people who type it"
 JUSTIFIED = {
     ("epsilon", "cli/verbs/run.py"): EXAMPLES,
     ("epsilon", "cli/verbs/sweep.py"): EXAMPLES,
+    ("epsilon", "cli/verbs/systems.py"): EXAMPLES,
     ("epsilon", "cli/views/explanation.py"): "an example in a docstring",
     ("epsilon", "campaigns/study/factors.py"): "an example in a docstring",
     ("sysid", "view/programs/ros/mavlink.py"): "field of mavros_msgs/Mavlink",

@@ -143,7 +143,7 @@ INSTANCE = np.dtype(
 """This record is small, since memory traffic costs more than computation with thousands of instances."""
 WHOLE = np.dtype(
     [
-        ("step", "u8"),  # uav_cosim_step, which takes the address of the next field
+        ("function", "u8"),  # uav_cosim_step, which takes the address of the next field
         ("handle", "u8"),
         ("moves", "u8"),  # address of what uav_cosim_whole has noted
         ("values", "u8", (7,)),  # addresses of the inputs and outputs of each kind, and of the text of its packets
