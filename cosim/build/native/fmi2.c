@@ -333,7 +333,7 @@ typedef struct { /* of one instance, written by the master: values of each group
     fmi2Boolean *get_booleans;
     fmi2String *get_texts;
 } Exchange;
-enum { NOT_BEGUN = -1, NOT_READ = -2 }; /* instead of a status: make the calls of FMI, of which one will fail */
+enum { NOT_BEGUN = -1, NOT_READ = -2 }; /* instead of a status: no step is made, or its outputs are not got. The calls of FMI say why */
 
 /* Writes the places of the variables `vr`, numbers[g] of group g, to memory of `sizeof(Moves)` and a Move for each. Returns
    0, or 1 if one of them is not of its group's type, or cannot be set in a step. */

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
 from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
@@ -24,36 +24,43 @@ def explain(checked: CheckedSystem, name: str) -> list[str]:
     Raises:
         SystemDescriptionError: the variable does not exist, or nothing matches.
     """
-    if is_pattern(name):
-        known = [f"{one.name}.{variable}" for one in checked.instances for variable in one.fmu.variables]
-        known += [one.name for one in checked.aliases]
-        if not (matches := matching(name, known)):
-            text = f'"{name}" matches no variable; {near_pattern(name, known)}'
-            raise SystemDescriptionError([Problem(checked.structure.where, text)])
-        return [line for one in dict.fromkeys(matches) for line in explain(checked, one)]
-    found = [
-        (instance, variable)
+    variables = {
+        f"{instance.name}.{variable.name}": (instance, variable)
         for instance in checked.instances
-        if name.startswith(instance.name + ".")
-        and (variable := instance.fmu.variables.get(name[len(instance.name) + 1 :])) is not None
-    ]
-    if not found and (alias := next((one for one in checked.aliases if one.name == name), None)) is not None:
-        return list(_connector(alias))
-    if not found:
-        inside = [one for one in checked.instances if name.startswith(one.name + ".")]
-        known = [f"{one.name}.{variable}" for one in inside or checked.instances for variable in one.fmu.variables]
-        text = f'there is no variable "{name}"; {near(name, known)}'
+        for variable in instance.fmu.variables.values()
+    }
+    connectors = {one.name: one for one in checked.aliases if one.name not in variables}
+    if name in variables or name in connectors:
+        names = [name]
+    elif not is_pattern(name):
+        inside = [known for known, (owner, _) in variables.items() if name.startswith(f"{owner.name}.")]
+        text = f'there is no variable "{name}"; {near(name, inside or variables)}'
         raise SystemDescriptionError([Problem(checked.structure.where, text)])
-    return [line for instance, variable in found for line in _lines(checked, instance, variable)]
+    elif not (names := matching(name, [*variables, *connectors])):
+        text = f'"{name}" matches no variable; {near_pattern(name, [*variables, *connectors])}'
+        raise SystemDescriptionError([Problem(checked.structure.where, text)])
+    driving: dict[str, list[FlatConnection]] = {one: [] for one in names}
+    for link in checked.links:
+        if (target := ".".join(link.target)) in driving:
+            driving[target].append(link)
+    return [
+        line
+        for one in names
+        for line in (
+            _lines(checked, *variables[one], driving[one]) if one in variables else _connector(connectors[one])
+        )
+    ]
 
 
-def _lines(checked: CheckedSystem, instance: ComponentInstance, variable: Variable) -> Iterator[str]:
+def _lines(
+    checked: CheckedSystem, instance: ComponentInstance, variable: Variable, links: Sequence[FlatConnection]
+) -> Iterator[str]:
+    """Yields lines about a variable; `links`: the connections that drive it."""
     unit = "" if variable.unit is None else f", {variable.unit.name}"
     yield f"{instance.name}.{variable.name}: {variable.causality} of {instance.fmu.path.name}, {variable.type}{unit}"
     if variable.description:
         yield f"  {variable.description}"
     given = checked.assignments.get((instance.name, variable.name), ())
-    links = [link for link in checked.links if link.target == (instance.name, variable.name)]
     if given:
         yield f"  start value {_value(variable, given[-1].value)}, set by {_by(given[-1])}"
     elif variable.start is not None:
