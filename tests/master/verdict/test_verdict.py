@@ -25,6 +25,7 @@ from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import Network, network_of
 from cosim_master.system.settings.radio.nodes import Node
+from cosim_master.verdict import watching
 from cosim_master.verdict.earshot import repeated, twice
 from cosim_master.verdict.findings import Finding, Judgement
 from cosim_master.verdict.prior import known_before
@@ -314,6 +315,36 @@ def test_one_that_flies_away_fast_does_not_make_all_be_compared(monkeypatch: pyt
     monkeypatch.setattr(Approach, "_compare", count_them)
     Approach(400, 0.5).look(np.array([0.0, 0.1]), points)
     assert total < 400 * 4
+
+
+def test_pairs_are_looked_up_again_only_when_bodies_move_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A line of 60 that flies along together; then the last one crosses it and comes within 0.2 m of number 20."""
+    looked_up = 0
+
+    def count_them(*arguments: Any) -> Any:
+        nonlocal looked_up
+        looked_up += 1
+        return real(*arguments)
+
+    real = watching.approach.pairs_within
+    monkeypatch.setattr(watching.approach, "pairs_within", count_them)
+    approach = Approach(60, 0.5)
+    times = np.arange(11) * 0.1
+    line = np.zeros((60, 3))
+    line[:, 0] = np.arange(60) * 10.0
+    for second in range(10):
+        along = (second + times)[:, None] * np.array([7.0, -3.0, 0.0])
+        approach.look(second + times, line + along[:, None])
+    assert looked_up == 1
+    assert (approach.distance, approach.contacts) == (pytest.approx(10.0), {})
+    for second in range(10, 60):
+        points = line + (second + times)[:, None, None] * np.array([7.0, -3.0, 0.0])
+        points[:, 59] += (second - 10 + times)[:, None] * np.array([-7.8, 0.0, 0.0]) + np.array([0.0, 0.2, 0.0])
+        approach.look(second + times, points)
+    assert (20, 59) in approach.contacts
+    assert approach.distance == pytest.approx(0.2)
+    assert approach.contacts.keys() == {(n, 59) for n in range(20, 59)}
+    assert 2 < looked_up < 55
 
 
 # ---- spells --------------------------------------------------------------------------------------------------------

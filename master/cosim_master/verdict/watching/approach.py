@@ -6,7 +6,9 @@ m/s2 and 0.1 s.
 
 If there are few bodies, all pairs are compared. If there are many, only those pairs are compared that can have come
 closer than the closest pair so far: bodies are sorted into cells as wide as this distance plus their own motion, and
-are compared with the bodies in adjacent cells. The cost grows with the number of bodies as that of sorting does.
+are compared with the bodies in adjacent cells. The cost grows with the number of bodies as that of sorting does. The
+pairs found are kept with a margin, as in molecular dynamics (Verlet 1967), until bodies have moved so far apart from
+each other that others can have come near.
 """
 
 from __future__ import annotations
@@ -26,6 +28,8 @@ FEW = 32
 """Largest number of bodies for which all pairs are compared."""
 _PIECE = 1 << 15
 """Pairs that are processed at once."""
+_MARGIN = 0.5
+"""How much farther apart than necessary the bodies of kept pairs are at most, as a fraction."""
 _FAR = 1 << 20
 """Largest number of cells from the middle to the outermost cell."""
 _AROUND = [offset for offset in product((-1, 0, 1), repeat=3) if offset > (0, 0, 0)]
@@ -42,8 +46,33 @@ class Contact:
 
 
 @dataclass(slots=True)
+class _Kept:
+    """Pairs of bodies whose boxes were within `reach` [m] of each other: all others were farther apart.
+
+    first, second: (pairs,) the bodies, in ascending order. middle, half: the boxes of all bodies at that time.
+    wanted: the distance for which the pairs were looked up [m].
+    """
+
+    first: Array
+    second: Array
+    middle: Array
+    half: Array
+    reach: float
+    wanted: float
+
+    def hold(self, middle: Array, half: Array, reach: float) -> bool:
+        """Returns whether all pairs whose boxes are now within `reach` are among these pairs."""
+        moved = middle - self.middle
+        apart = np.abs(moved - moved.mean(axis=0)).max(axis=1) + half - self.half
+        return bool(2.0 * apart.max() <= self.reach - reach)
+
+
+@dataclass(slots=True)
 class Approach:
-    """The closest pair of `count` bodies, and all pairs that come closer than `contact` [m]."""
+    """The closest pair of `count` bodies, and all pairs that come closer than `contact` [m].
+
+    Of several pairs that come equally close, the first in ascending order counts.
+    """
 
     count: int
     contact: float
@@ -51,6 +80,7 @@ class Approach:
     pair: tuple[int, int] = (-1, -1)
     time: float = np.nan
     contacts: dict[tuple[int, int], Contact] = field(default_factory=dict)
+    _kept: _Kept | None = None
 
     def look(self, times: Array, points: Array) -> None:
         """Follows the bodies over further instants.
@@ -63,9 +93,9 @@ class Approach:
             return
         if len(times) == 1:
             times, points = np.repeat(times, 2), np.repeat(points, 2, axis=0)
-        for first, second in self._candidates(points):
-            for begin in range(0, len(first), _PIECE):
-                self._compare(times, points, first[begin : begin + _PIECE], second[begin : begin + _PIECE])
+        first, second = self._candidates(points)
+        for begin in range(0, len(first), _PIECE):
+            self._compare(times, points, first[begin : begin + _PIECE], second[begin : begin + _PIECE])
 
     def _compare(self, times: Array, points: Array, first: Array, second: Array) -> None:
         distance, part = closest(points[:, first], points[:, second])
@@ -92,13 +122,25 @@ class Approach:
 
     # ---- who can have come near whom -------------------------------------------------------------------------------
 
-    def _candidates(self, points: Array) -> Iterator[tuple[Array, Array]]:
-        """Returns pairs of bodies, the lower number first, each at most once."""
+    def _candidates(self, points: Array) -> tuple[Array, Array]:
+        """Returns pairs of bodies, the lower number first, each at most once, in ascending order."""
         if self.count <= FEW:
-            yield np.triu_indices(self.count, 1)
-            return
+            return np.triu_indices(self.count, 1)
         middle, half = box(points)
-        yield from pairs_within(middle, half, max(self.contact, min(self.distance, _some_distance(points[0]))))
+        kept = self._kept
+        reach = max(self.contact, min(self.distance, np.inf if kept is None else kept.wanted))
+        if kept is None or not kept.hold(middle, half, reach):
+            reach = max(self.contact, min(self.distance, _some_distance(points[0])))
+            self._kept = kept = _pairs_to_keep(middle, half, reach)
+        return _near(kept.first, kept.second, middle, half, reach)
+
+
+def _pairs_to_keep(middle: Array, half: Array, wanted: float) -> _Kept:
+    reach = (1.0 + _MARGIN) * wanted
+    found = [*pairs_within(middle, half, reach)]
+    first, second = (np.concatenate(some) for some in zip(*found, strict=True))
+    order = np.lexsort((second, first))
+    return _Kept(first[order], second[order], middle, half, reach, wanted)
 
 
 def closest(first: Array, second: Array) -> tuple[Array, Array]:

@@ -67,6 +67,15 @@ class Watch:
         self.away, self.down = Spells(len(self.pilots)), Spells(len(self.bodies))
         self.outside = Spells(len(self.limited))
         self._rows = _LOOKS[len(self.bodies) > FEW]
+        self._states, self._armed = _places(subjects.states), _places(subjects.armed)
+        self._positions, self._desired = _places(subjects.positions), _places(subjects.desired)
+        self._ground, self._driven = _places(subjects.ground), _places([pilot.body for pilot in self.pilots])
+        self._has_ground = np.array([body.has_ground for body in self.bodies], dtype=bool)
+        self._has_desired = np.array([pilot.has_desired for pilot in self.pilots], dtype=bool)
+        self._has_armed = np.array([pilot.has_armed for pilot in self.pilots], dtype=bool)
+        self._unarmed = self._has_armed.copy()  # those that have not been seen armed
+        self._known: Array | None = None  # the last states of agents
+        self._bounds = [_Bounds(subjects, is_real) for is_real in (True, False)]
         self._real_places = np.array(columns.reals, dtype=np.intp)
         self._integer_places = np.array(columns.integers, dtype=np.intp)
         self._times = np.zeros(self._rows)
@@ -110,31 +119,29 @@ class Watch:
     def _look(self) -> None:
         n = self._used
         times, reals, integers = self._times[:n], self._reals[:n], self._integers[:n]
-        wanted = np.zeros((n, len(self.bodies)), dtype=bool)
-        self._look_at_agents(times, integers, wanted)
-        positions = reals[:, self._subjects.positions].reshape(n, -1, 3)
+        self._look_at_agents(times, integers)
+        positions = reals[:, self._positions].reshape(n, -1, 3)
+        higher = None
         if self.bodies:
             flown = self._look_at_bodies(positions, integers)
             self.approach.look(times, positions)
         if self.pilots:
-            self._look_at_pilots(times, positions, reals, integers, wanted)
+            higher = self._look_at_pilots(times, positions, reals, integers)
         if self.bodies:
-            on_ground = integers[:, self._subjects.ground] != 0
-            on_ground &= wanted & flown & np.array([body.has_ground for body in self.bodies])
-            self.down.look(times, on_ground, on_ground)
+            down = (integers[:, self._ground] != 0) & flown & self._has_ground
+            if down.any():
+                down &= self._wanted(integers, higher)
+            self.down.look(times, down, down)
         if self.limited:
             self._look_at_limits(times, reals, integers)
         if self._nodes:
             self._listen(float(times[0]), reals[0, self._nodes].reshape(-1, 3))
 
-    def _look_at_agents(self, times: Array, integers: Array, wanted: Array) -> None:
-        """Evaluates the agents. In `wanted`, it notes for each look which vehicles are expected to be in the air."""
-        all_states = integers[:, self._subjects.states]
-        for values in {agent.condition.commanding for agent in self.agents if agent.body >= 0} - {()}:
-            of = [a for a, one in enumerate(self.agents) if one.body >= 0 and one.condition.commanding == values]
-            wanted[:, [self.agents[a].body for a in of]] |= np.isin(all_states[:, of], values)
-        last = np.array([agent.last for agent in self.agents], dtype=np.int32)
-        for a in map(int, np.flatnonzero((all_states != last).any(axis=0))):
+    def _look_at_agents(self, times: Array, integers: Array) -> None:
+        all_states = integers[:, self._states]
+        if self._known is None:
+            self._known = np.array([agent.last for agent in self.agents], dtype=np.int32)
+        for a in map(int, np.flatnonzero((all_states != self._known).any(axis=0))):
             agent, states = self.agents[a], all_states[:, a].tolist()
             agent.last = states[-1]
             for values, what in ((agent.condition.failed, "failed"), (agent.condition.working, "began")):
@@ -146,6 +153,7 @@ class Watch:
             row = _first(states, agent.condition.commanding)
             if agent.body >= 0 and row >= 0:
                 self._command(agent.body, float(times[row]), agent.instance.name)
+        self._known = all_states[-1].copy()
 
     def _command(self, body: int, time: float, by: str) -> None:
         if math.isnan(self.bodies[body].commanded):
@@ -159,43 +167,57 @@ class Watch:
         waiting = np.flatnonzero(~flown[0])
         if not waiting.size:
             return flown
-        aloft = np.linalg.norm(positions[:, waiting] - self.start[waiting], axis=2) > _MOVED
-        has_ground = [b for b, body in enumerate(waiting) if self.bodies[body].has_ground]
-        aloft[:, has_ground] &= integers[:, [self._subjects.ground[waiting[b]] for b in has_ground]] == 0
+        aloft = _length(positions[:, waiting] - self.start[waiting]) > _MOVED
+        has_ground = np.flatnonzero(self._has_ground[waiting])
+        aloft[:, has_ground] &= integers[:, np.array(self._subjects.ground)[waiting[has_ground]]] == 0
         for b in waiting[aloft.any(axis=0)]:
             self.bodies[b].flew = True
         flown[:, waiting] = np.maximum.accumulate(aloft, axis=0)
         return flown
 
-    def _look_at_pilots(self, times: Array, positions: Array, reals: Array, integers: Array, wanted: Array) -> None:
-        armed = integers[:, self._subjects.armed] != 0
-        armed[:, [not pilot.has_armed for pilot in self.pilots]] = True
-        for p in map(int, np.flatnonzero(armed.any(axis=0))):
-            if self.pilots[p].has_armed:
-                self._command(self.pilots[p].body, float(times[int(armed[:, p].argmax())]), self.pilots[p].instance)
-        desired = reals[:, self._subjects.desired].reshape(len(times), -1, 3)
-        actual = positions[:, [pilot.body for pilot in self.pilots]]
-        away = np.linalg.norm(desired - actual, axis=2)
-        away[:, [not pilot.has_desired for pilot in self.pilots]] = 0.0
+    def _look_at_pilots(self, times: Array, positions: Array, reals: Array, integers: Array) -> Array:
+        """Evaluates the autopilots. Returns for each look which of them are armed and want to be higher."""
+        armed = (integers[:, self._armed] != 0) | ~self._has_armed
+        seen = armed.any(axis=0) & self._unarmed
+        for p in map(int, np.flatnonzero(seen)):
+            self._command(self.pilots[p].body, float(times[int(armed[:, p].argmax())]), self.pilots[p].instance)
+        self._unarmed &= ~seen
+        desired = reals[:, self._desired].reshape(len(times), -1, 3)
+        actual = positions[:, self._driven]
+        away = _length(desired - actual)
+        away[:, ~self._has_desired] = 0.0
         self.away.look(times, armed & (away > self.limits.deviation), away)
-        higher = armed & (away > 0.0) & (actual[:, :, 2] - desired[:, :, 2] > _LOW)
-        for p in map(int, np.flatnonzero(higher.any(axis=0))):
-            wanted[:, self.pilots[p].body] |= higher[:, p]
+        higher: Array = armed & (away > 0.0) & (actual[:, :, 2] - desired[:, :, 2] > _LOW)
+        return higher
+
+    def _wanted(self, integers: Array, higher: Array | None) -> Array:
+        """Returns for each look which vehicles are expected to be in the air.
+
+        Args:
+            higher: for each look, which autopilots are armed and want to be higher; None if there are none.
+        """
+        wanted = np.zeros((len(integers), len(self.bodies)), dtype=bool)
+        for values in {agent.condition.commanding for agent in self.agents if agent.body >= 0} - {()}:
+            of = [a for a, one in enumerate(self.agents) if one.body >= 0 and one.condition.commanding == values]
+            commanding = np.isin(integers[:, np.array(self._subjects.states)[of]], values)
+            np.logical_or.at(wanted.T, [self.agents[a].body for a in of], commanding.T)  # several may have one body
+        if higher is not None:
+            for p in map(int, np.flatnonzero(higher.any(axis=0))):
+                wanted[:, self.pilots[p].body] |= higher[:, p]
+        return wanted
 
     def _look_at_limits(self, times: Array, reals: Array, integers: Array) -> None:
-        values = np.zeros((len(times), len(self.limited)))
-        of_reals = np.array([real for real, _ in self._subjects.values])
-        columns = np.array([column for _, column in self._subjects.values])
-        values[:, of_reals], values[:, ~of_reals] = reals[:, columns[of_reals]], integers[:, columns[~of_reals]]
-        least = np.array([one.least for one in self.limited])
-        most = np.array([one.most for one in self.limited])
-        outside = (values < least) | (values > most)
-        if not outside.any() and not self.outside.open.any():
+        of_kind = [bounds.excess(values) for bounds, values in zip(self._bounds, (reals, integers), strict=True)]
+        if not any((excess > 0.0).any() for excess in of_kind) and not self.outside.open.any():
             return
+        excess = np.zeros((len(times), len(self.limited)))
+        for bounds, found in zip(self._bounds, of_kind, strict=True):
+            excess[:, bounds.numbers] = found
+        outside = excess > 0.0
         tied = [n for n, one in enumerate(self.limited) if one.agent >= 0]
         if tied:
             outside[:, tied] &= self._working(integers)[:, [self.limited[n].agent for n in tied]]
-        self.outside.look(times, outside, np.maximum(values - most, least - values))
+        self.outside.look(times, outside, excess)
 
     def _working(self, integers: Array) -> Array:
         """Returns whether each agent is active at each look; an agent without a declaration is always active."""
@@ -216,6 +238,40 @@ class Watch:
     def hears_by_place(self) -> bool:
         """True if the watch has checked the reachability of nodes with the same system id."""
         return bool(self._nodes)
+
+
+class _Bounds:
+    """The bounds of values of one kind: their numbers among all bounds, and what they apply to."""
+
+    def __init__(self, subjects: Subjects, is_real: bool) -> None:
+        of_kind = [(n, column) for n, (real, column) in enumerate(subjects.values) if real == is_real]
+        self.numbers = np.array([n for n, _ in of_kind], dtype=np.intp)
+        self._columns = _places([column for _, column in of_kind])
+        self._least = np.array([subjects.limited[n].least for n in self.numbers])
+        self._most = np.array([subjects.limited[n].most for n in self.numbers])
+
+    def excess(self, values: Array) -> Array:
+        """Returns by how much each value is outside its bounds at each look; not positive inside."""
+        mine = values[:, self._columns]
+        with np.errstate(invalid="ignore"):  # an infinite value with an infinite bound
+            excess: Array = np.maximum(mine - self._most, self._least - mine)
+        return excess
+
+
+def _places(indices: Sequence[int]) -> Any:
+    """Returns an index that selects these columns: a slice, which copies nothing, if they are evenly spaced."""
+    if len(indices) < 2:
+        return np.array(indices, dtype=np.intp)
+    steps = np.diff(indices)
+    if steps[0] > 0 and (steps == steps[0]).all():
+        return slice(indices[0], indices[-1] + 1, int(steps[0]))
+    return np.array(indices, dtype=np.intp)
+
+
+def _length(vectors: Array) -> Array:
+    """Returns the lengths of vectors (..., 3)."""
+    length: Array = np.sqrt(vectors[..., 0] ** 2 + vectors[..., 1] ** 2 + vectors[..., 2] ** 2)
+    return length
 
 
 def _first(states: Sequence[int], values: Collection[int]) -> int:
