@@ -192,7 +192,7 @@ def _timed_steps(
         first = 0
         for n in range(ends.size):
             failed = stepping.step_some(
-                p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, k, grouped[first : ends[n]], at
+                p.instances, p.calls, p.ports, p.encoded[0], p.rx, p.tx, counters, k, grouped[first : ends[n]], at
             )
             if failed > 0:
                 return tables.FAILED

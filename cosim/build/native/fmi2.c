@@ -310,35 +310,41 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolea
 /* ---- whole steps ----------------------------------------------------------------------------------------------------- */
 
 /* In each step, a master sets the same inputs and gets the same outputs of many instances of this FMU. It may do so in one
-   call: `uav_cosim_whole` notes once where the values are in the record, and `uav_cosim_step` sets, steps and gets. */
+   call: `uav_cosim_note_step` notes once where the values are in the record, and `uav_cosim_make_step` sets, steps and gets.
+   Packets are bytes in it, and not text. */
 
-enum { SET_REALS, SET_INTEGERS, SET_BOOLEANS, GET_REALS, GET_INTEGERS, GET_BOOLEANS, GET_TEXTS, GROUPS };
+enum { SET_REALS, SET_INTEGERS, SET_BOOLEANS, SET_PACKETS, GET_REALS, GET_INTEGERS, GET_BOOLEANS, GET_PACKETS, GROUPS };
 typedef struct {
     double min, max;
     uint32_t offset; /* into the record; of packets: into VARIABLES */
     uint32_t count;  /* values in a row */
 } Move;
 typedef struct {
-    uint32_t moves[GROUPS], unused;
+    uint32_t moves[GROUPS];
     Move move[];
 } Moves;
+typedef struct { /* got: in the record, until its instance is called again */
+    const unsigned char *bytes;
+    uint64_t size;
+} Packets;
 typedef struct { /* of one instance, written by the master: values of each group in a row */
     Instance *instance;
     const Moves *moves;
     const fmi2Real *set_reals;
     const fmi2Integer *set_integers;
     const fmi2Boolean *set_booleans;
+    const Packets *set_packets;
     fmi2Real *get_reals;
     fmi2Integer *get_integers;
     fmi2Boolean *get_booleans;
-    fmi2String *get_texts;
+    Packets *get_packets;
 } Exchange;
 enum { NOT_BEGUN = -1, NOT_READ = -2 }; /* instead of a status: no step is made, or its outputs are not got. The calls of FMI say why */
 
 /* Writes the places of the variables `vr`, numbers[g] of group g, to memory of `sizeof(Moves)` and a Move for each. Returns
    0, or 1 if one of them is not of its group's type, or cannot be set in a step. */
-EXPORT int uav_cosim_whole(const uint32_t numbers[GROUPS], const fmi2ValueReference vr[], Moves *to) {
-    static const Kind kinds[] = {REAL, INTEGER, BOOLEAN, REAL, INTEGER, BOOLEAN, PACKETS};
+EXPORT int uav_cosim_note_step(const uint32_t numbers[GROUPS], const fmi2ValueReference vr[], Moves *to) {
+    static const Kind kinds[] = {REAL, INTEGER, BOOLEAN, PACKETS, REAL, INTEGER, BOOLEAN, PACKETS};
     static const size_t sizes[] = {sizeof(fmi2Real), sizeof(fmi2Integer), 1}; /* in the record */
     Move *move = to->move;
     for (int g = 0; g < GROUPS; g++) {
@@ -360,7 +366,8 @@ EXPORT int uav_cosim_whole(const uint32_t numbers[GROUPS], const fmi2ValueRefere
     return 0;
 }
 
-EXPORT int uav_cosim_step(const Exchange *x, fmi2Real t, fmi2Real h) {
+/* Makes a step. `with_packets`: sets packets, too; otherwise, they stay as they are. */
+EXPORT int uav_cosim_make_step(const Exchange *x, fmi2Real t, fmi2Real h, int32_t with_packets) {
     Instance *s = x->instance;
     if (s->progress.mode != STEP) return NOT_BEGUN;
     unsigned char *record = s->record;
@@ -381,6 +388,15 @@ EXPORT int uav_cosim_step(const Exchange *x, fmi2Real t, fmi2Real h) {
     const fmi2Boolean *boolean = x->set_booleans;
     for (end = move + moves[SET_BOOLEANS]; move < end; boolean += move++->count)
         for (uint32_t i = 0; i < move->count; i++) record[move->offset + i] = boolean[i] != 0;
+    const Packets *given = x->set_packets;
+    for (end = move + moves[SET_PACKETS]; move < end; move++, given++) {
+        const Variable *v = VARIABLES + move->offset;
+        if (!with_packets) continue;
+        if (given->size > v->count) return NOT_BEGUN;
+        int32_t used = (int32_t)given->size;
+        memcpy(record + v->offset, given->bytes, given->size);
+        memcpy(record + v->length, &used, sizeof used);
+    }
     if (outside) return NOT_BEGUN;
     Status status = advance(s, "fmi2DoStep", t, h);
     if (status != OK) return status;
@@ -393,13 +409,13 @@ EXPORT int uav_cosim_step(const Exchange *x, fmi2Real t, fmi2Real h) {
     fmi2Boolean *boolean_out = x->get_booleans;
     for (end = move + moves[GET_BOOLEANS]; move < end; boolean_out += move++->count)
         for (uint32_t i = 0; i < move->count; i++) boolean_out[i] = record[move->offset + i] != 0;
-    fmi2String *text_out = x->get_texts;
-    for (end = move + moves[GET_TEXTS]; move < end; move++) {
+    Packets *got = x->get_packets;
+    for (end = move + moves[GET_PACKETS]; move < end; move++) {
         const Variable *v = VARIABLES + move->offset;
         int32_t used;
         memcpy(&used, record + v->length, sizeof used);
         if (used < 0 || (size_t)used > v->count) return NOT_READ;
-        *text_out++ = text_of(s, v, used);
+        *got++ = (Packets){record + v->offset, (uint64_t)used};
     }
     return OK;
 }

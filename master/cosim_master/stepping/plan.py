@@ -108,7 +108,7 @@ def make_plan(
     # Large blocks, if each thread gets many: the first instances of a block are not prefetched.
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)), min(96, len(free) // (32 * threads)))
     rows_of_calls = _calls(instances, feeds, values, ports, calls, kinds, slopes, derivatives)
-    enter_whole_steps(instances, rows_of_calls, slaves, free, memory)
+    enter_whole_steps(instances, ports, rows_of_calls, slaves, free, memory)
     confined = [*(master.sequence or sorted(set(range(len(slaves))) - set(free)))]
     page = mmap.mmap(-1, mmap.PAGESIZE)
     return Plan(

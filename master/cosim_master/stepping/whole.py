@@ -1,8 +1,9 @@
 """Steps of instances in one call: inputs, step and outputs together, where an FMU has the functions for that.
 
 FMUs of this project have two functions besides those of FMI (see fmi2.c in `cosim.build.native`). A master tells
-`uav_cosim_whole` once which variables it sets and gets in each step; `uav_cosim_step` then does the work of up to eight
-calls of FMI. Where it cannot, such as for an input outside its limits, the loop makes these calls, which say why.
+`uav_cosim_note_step` once which variables it sets and gets in each step; `uav_cosim_make_step` then does the work of up
+to nine calls of FMI, with packets as bytes instead of base64 text. Where it cannot, such as for an input outside its
+limits, the loop makes these calls, which say why.
 """
 
 from __future__ import annotations
@@ -21,11 +22,14 @@ __all__ = ["enter_whole_steps", "memory_of_whole_steps"]
 
 _GROUPS = [
     FUNCTIONS.index(f"fmi2{name}")
-    for name in ("SetReal", "SetInteger", "SetBoolean", "GetReal", "GetInteger", "GetBoolean", "GetString")
+    for name in (
+        *("SetReal", "SetInteger", "SetBoolean", "SetString"),
+        *("GetReal", "GetInteger", "GetBoolean", "GetString"),
+    )
 ]
 """The functions that a step in one call replaces, by their numbers, in the order of fmi2.c."""
-_HEAD, _MOVE = 4 * (len(_GROUPS) + 1), 24
-"""Bytes of what uav_cosim_whole writes: at its begin, and at most for each variable."""
+_HEAD, _MOVE = 4 * len(_GROUPS), 24
+"""Bytes of what uav_cosim_note_step writes: at its begin, and at most for each variable."""
 
 
 def memory_of_whole_steps(instances: int, values: int) -> int:
@@ -35,6 +39,7 @@ def memory_of_whole_steps(instances: int, values: int) -> int:
 
 def enter_whole_steps(
     instances: NDArray[np.void],
+    ports: NDArray[np.void],
     calls: Sequence[Row],
     slaves: Sequence[Slave],
     free: Sequence[int],
@@ -44,23 +49,25 @@ def enter_whole_steps(
 
     Args:
         instances: the INSTANCE table, with the numbers of its calls.
+        ports: the PORTS table; those of these instances become `raw`.
         calls: all calls, as rows.
         memory: receives the arguments.
     """
     functions: dict[int, tuple[int, int]] = {}
     noted: dict[tuple[object, ...], int] = {}
     first_set, last_set, first_get, last_get = (
-        instances[name].tolist() for name in ("first_set_value", "last_set", "first_get", "last_get")
+        instances[name].tolist() for name in ("first_set", "last_set", "first_get", "last_get")
     )
+    endpoint, further = instances["endpoint"].tolist(), ports["further"].tolist()
     found: list[tuple[int, int, int, list[int]]] = []
     owners: list[int] = []
     for i in free:
         library = slaves[i].library
         if (known := functions.get(id(library))) is None:
-            known = library.address_if("uav_cosim_whole"), library.address_if("uav_cosim_step")
+            known = library.address_if("uav_cosim_note_step"), library.address_if("uav_cosim_make_step")
             functions[id(library)] = known
         note, step = known
-        if not step:
+        if not step or (endpoint[i] >= 0 and further[endpoint[i]] > 0):
             continue
         own = (*calls[first_set[i] : last_set[i]], *calls[first_get[i] : last_get[i]])
         key = (note, *[(row[5], row[2], row[4]) for row in own])  # function, references and their number
@@ -75,6 +82,7 @@ def enter_whole_steps(
         address = memory.take(rows.nbytes)
         ctypes.memmove(address, rows.ctypes.data, rows.nbytes)
         instances["whole"][owners] = address + WHOLE.itemsize * np.arange(rows.size, dtype=np.uint64)
+        ports["raw"] = np.isin(ports["instance"], owners)
 
 
 def _noted(note: int, calls: Sequence[Row], memory: CallMemory) -> int:

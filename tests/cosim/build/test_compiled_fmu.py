@@ -40,7 +40,7 @@ FreeInstance GetBoolean GetBooleanStatus GetDirectionalDerivative GetFMUstate Ge
 GetRealOutputDerivatives GetRealStatus GetStatus GetString GetStringStatus GetTypesPlatform GetVersion Instantiate
 Reset SerializeFMUstate SerializedFMUstateSize SetBoolean SetDebugLogging SetFMUstate SetInteger SetReal
 SetRealInputDerivatives SetString SetupExperiment Terminate"""
-OWN = ("uav_cosim_expect", "uav_cosim_step", "uav_cosim_whole")
+OWN = ("uav_cosim_expect", "uav_cosim_make_step", "uav_cosim_note_step")
 EXPORTED = {*OWN, *(f"fmi2{name}" for name in FUNCTIONS.split())}
 
 

@@ -1,4 +1,4 @@
-"""A step in one call (`uav_cosim_whole`, `uav_cosim_step`) beside the calls of FMI that it stands for."""
+"""A step in one call (`uav_cosim_note_step`, `uav_cosim_make_step`) beside the calls of FMI that it stands for."""
 
 from __future__ import annotations
 
@@ -22,36 +22,50 @@ from tests.cosim.build.test_compiled_fmu import MODELS, Factory, every_model, se
 
 KINDS = ("Real", "Integer", "Boolean")
 NOT_BEGUN, NOT_READ = -1, -2
-Reals, Integers, Text = ctypes.c_double, ctypes.c_int32, ctypes.c_char_p
+Reals, Integers = ctypes.c_double, ctypes.c_int32
 
 
 class Whole(ctypes.Structure):
     """The arguments of a step, as fmi2.c declares them."""
 
-    _fields_ = [("instance", ctypes.c_void_p), ("moves", ctypes.c_void_p), ("values", ctypes.c_void_p * 7)]
+    _fields_ = [("instance", ctypes.c_void_p), ("moves", ctypes.c_void_p), ("values", ctypes.c_void_p * 8)]
+
+
+class Packets(ctypes.Structure):
+    """Packets as bytes."""
+
+    _fields_ = [("bytes", ctypes.c_void_p), ("size", ctypes.c_uint64)]
 
 
 class Stepped:
-    """An instance that makes steps in one call: it sets `set` and gets `get`, value references by kind."""
+    """An instance that makes steps in one call; `set` and `get`: value references by kind, packets last."""
 
     def __init__(self, fmu: FMU2Slave, set: Sequence[Sequence[int]], get: Sequence[Sequence[int]]) -> None:
-        groups = [*set, *get]
+        groups = [*set, *[[]] * (4 - len(set)), *get]
         every = [reference for group in groups for reference in group]
         self._moves = (ctypes.c_uint64 * (4 + 3 * len(every)))()
-        note = fmu.dll.uav_cosim_whole
-        counts = (ctypes.c_uint32 * 7)(*map(len, groups))
+        note = fmu.dll.uav_cosim_note_step
+        counts = (ctypes.c_uint32 * 8)(*map(len, groups))
         self.refused = note(counts, (ctypes.c_uint32 * len(every))(*every), self._moves)
-        kinds = (Reals, Integers, Integers, Reals, Integers, Integers, Text)
+        kinds = (Reals, Integers, Integers, Packets) * 2
         self.values: list[Any] = [(kind * len(group))() for kind, group in zip(kinds, groups, strict=True)]
         places = (ctypes.addressof(own) for own in self.values)
-        self._whole = Whole(fmu.component, ctypes.addressof(self._moves), (ctypes.c_void_p * 7)(*places))
-        self._step = fmu.dll.uav_cosim_step
-        self._step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double]
+        self._whole = Whole(fmu.component, ctypes.addressof(self._moves), (ctypes.c_void_p * 8)(*places))
+        self._step = fmu.dll.uav_cosim_make_step
+        self._step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
 
-    def step(self, values: Sequence[Sequence[Any]], t: float, h: float) -> int:
+    def step(self, values: Sequence[Sequence[Any]], t: float, h: float, packets: bytes | None = None) -> int:
         for own, new in zip(self.values, values, strict=False):
             own[:] = list(new)
-        return int(self._step(ctypes.addressof(self._whole), t, h))
+        if packets is not None:
+            given = ctypes.create_string_buffer(packets, max(1, len(packets)))
+            self.values[3][0] = Packets(ctypes.addressof(given), len(packets))
+        return int(self._step(ctypes.addressof(self._whole), t, h, packets is not None))
+
+    @property
+    def sent(self) -> bytes:
+        """The packets that were got."""
+        return ctypes.string_at(self.values[7][0].bytes, self.values[7][0].size)
 
 
 def references(model: type[Model], *roles: str) -> list[list[int]]:
@@ -67,22 +81,29 @@ def test_steps_in_one_call_are_those_of_fmi(name: str, fmus: Path, tmp_path: Pat
     model, make = MODELS[name], Factory(fmus / f"{name}.fmu", tmp_path)
     fmu, other = make(), make("other")
     inputs = dict(driving.inputs(model))
-    own = references(model, "input")[:3]
+    own = [*references(model, "input")[:3], references(model, "packet input")[3][:1]]
+    others = references(model, "packet input")[3][1:]
     read = references(model, "output", "packet output")
+    unread = read[3][1:]
+    read[3] = read[3][:1]
     whole = Stepped(fmu, own, read)
     assert whole.refused == 0
     for step in range(60):
         t = step * model.step_size
         driving.set_inputs(model, other, step)
         other.doStep(t, model.step_size)
-        for reference, one in inputs.items():
-            if one.variable.kind == "Packets":
-                fmu.setString([reference], [base64.b64encode(driving.value(one, reference, step)).decode()])
-        values = [[driving.value(inputs[i], i, step) for i in group] for group in own]
-        assert whole.step(values, t, model.step_size) == 0
+        for reference in others:
+            text = base64.b64encode(driving.value(inputs[reference], reference, step)).decode()
+            fmu.setString([reference], [text])
+        values = [[driving.value(inputs[i], i, step) for i in group] for group in own[:3]]
+        packets = driving.value(inputs[own[3][0]], own[3][0], step) if own[3] else None
+        assert whole.step(values, t, model.step_size, packets) == 0
         assert serialized(fmu) == serialized(other)
-        for kind, group, found in zip((*KINDS, "String"), read, whole.values[3:], strict=True):
+        for kind, group, found in zip(KINDS, read, whole.values[4:], strict=False):
             assert list(found) == list(getattr(other, f"get{kind}")(group))
+        if read[3]:
+            assert [base64.b64encode(whole.sent)] == other.getString(read[3])
+        assert fmu.getString(unread) == other.getString(unread)
 
 
 @pytest.fixture(scope="module")
@@ -101,9 +122,25 @@ def test_a_step_by_hand(plant: Factory, samples: SimpleNamespace) -> None:
     assert [names[i] for i in (*U, *W, *COUNT, *ENABLE, *GEAR)][::3] == ["u", "w[3]", "gear"]
     stepped = Stepped(plant(), [[*U, *W], [*COUNT, *GEAR], ENABLE], get)
     assert stepped.step([[4.0, 0.5, 0.25, 7.0], [3, 3], [0]], 0.0, 0.125) == 0
-    assert [list(own) for own in stepped.values[3:]] == [[19.0, 0.75, 7.0], [300, 3], [0], [b"Ag=="]]
+    assert [list(own) for own in stepped.values[4:7]] == [[19.0, 0.75, 7.0], [300, 3], [0]]
+    assert stepped.sent == b"\x02"
     assert stepped.step([[0.0, 0.5, 0.25, 8.0], [1, 1], [1]], 0.125, 0.125) == 0
-    assert [list(own) for own in stepped.values[3:]] == [[11.0, 0.75, 8.0], [100, 1], [1], [b"Aw=="]]
+    assert [list(own) for own in stepped.values[4:7]] == [[11.0, 0.75, 8.0], [100, 1], [1]]
+    assert stepped.sent == b"\x03"
+
+
+def test_packets_are_set_if_there_are_some(plant: Factory, samples: SimpleNamespace) -> None:
+    """Without, they stay as they are; none is a number of bytes, too. More than fit are left to the calls of FMI."""
+    rx = [i for i, one in enumerate(flat_variables(samples.Plant.variables)) if one.variable.role == "packet input"]
+    fmu = plant()
+    stepped = Stepped(fmu, [U, [], [], rx], [[]] * 4)
+    given = ((b"\xfe\x00z", "/gB6"), (None, "/gB6"), (b"", ""), (b"ab", "YWI="))
+    for step, (packets, expected) in enumerate(given):
+        assert stepped.step([[0.5]], 0.125 * step, 0.125, packets) == 0
+        assert [text.decode() for text in fmu.getString(rx)] == [expected]
+    capacity = flat_variables(samples.Plant.variables)[rx[0]].variable.capacity
+    assert stepped.step([[0.5]], 0.5, 0.125, b"x" * (capacity + 1)) == NOT_BEGUN
+    assert stepped.step([[0.5]], 0.5, 0.125, b"x" * capacity) == 0
 
 
 @pytest.mark.parametrize(
@@ -125,7 +162,7 @@ def test_a_fixed_parameter_is_refused_and_a_tunable_one_is_set(plant: Factory, s
     assert Stepped(plant(), [[names.index("gain")], [], []], [[]] * 4).refused == 1
     stepped = Stepped(plant(), [[names.index("trim")], [], []], [[0], [], [], []])
     assert stepped.step([[0.25]], 0.0, 0.125) == 0
-    assert list(stepped.values[3]) == [10.0 + 0.125 * 2.0 * 0.5 + 0.25 + 2.0 * 0.5]
+    assert list(stepped.values[4]) == [10.0 + 0.125 * 2.0 * 0.5 + 0.25 + 2.0 * 0.5]
 
 
 @pytest.mark.parametrize(
@@ -176,7 +213,7 @@ def test_packets_of_an_impossible_length_are_left_to_the_calls_of_fmi(samples: S
     fmu = make()
     stepped = Stepped(fmu, [[0], [], []], [[], [], [], [1]])
     assert stepped.step([[4.0]], 0.0, 0.5) == 0
-    assert list(stepped.values[6]) == [b"AAAAAA=="]
+    assert stepped.sent == bytes(4)
     assert stepped.step([[5.0]], 0.5, 0.5) == NOT_READ
     with pytest.raises(FMICallException):
         fmu.getString([1])

@@ -70,12 +70,12 @@ def _do_step2(typing: Any, function: Any, instance: Any, t: Any, h: Any, final: 
     return types.int32(types.uintp, types.uintp, types.double, types.double, types.int32), codegen
 
 
-def _step_whole(typing: Any, function: Any, exchange: Any, t: Any, h: Any) -> Any:
+def _step_whole(typing: Any, function: Any, exchange: Any, t: Any, h: Any, packets: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(_I32, [_I64, _F64, _F64]).as_pointer()
+        kind = ir.FunctionType(_I32, [_I64, _F64, _F64, _I32]).as_pointer()
         return builder.call(builder.inttoptr(arguments[0], kind), arguments[1:])
 
-    return types.int32(types.uintp, types.uintp, types.double, types.double), codegen
+    return types.int32(types.uintp, types.uintp, types.double, types.double, types.int32), codegen
 
 
 def _get_or_set3(typing: Any, function: Any, instance: Any, references: Any, n: Any, values: Any, n_values: Any) -> Any:
@@ -230,9 +230,9 @@ def _plain_do_step2(function: int, instance: int, t: float, h: float, final: int
     return int(call(int(function))(int(instance), t, h, int(final)))
 
 
-def _plain_step_whole(function: int, exchange: int, t: float, h: float) -> int:
-    call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double)
-    return int(call(int(function))(int(exchange), t, h))
+def _plain_step_whole(function: int, exchange: int, t: float, h: float, packets: int) -> int:
+    call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int)
+    return int(call(int(function))(int(exchange), t, h, int(packets)))
 
 
 def _plain_get_or_set3(function: int, *arguments: int) -> int:
@@ -287,7 +287,7 @@ get_or_set: Any = _plain_get_or_set if PLAIN else intrinsic(_get_or_set)
 do_step2: Any = _plain_do_step2 if PLAIN else intrinsic(_do_step2)
 """fmi2DoStep(instance, t, h, final) -> status; t and h in s; `final`: no state from before t will be restored"""
 step_whole: Any = _plain_step_whole if PLAIN else intrinsic(_step_whole)
-"""uav_cosim_step(exchange, t, h) of our FMUs -> a status, NOT_BEGUN or NOT_READ"""
+"""uav_cosim_make_step(exchange, t, h, packets) of our FMUs -> a status, NOT_BEGUN or NOT_READ"""
 get_or_set3: Any = _plain_get_or_set3 if PLAIN else intrinsic(_get_or_set3)
 """fmi3GetXXX or fmi3SetXXX(instance, references, n, values, n_values) -> status"""
 get_or_set_binary: Any = _plain_get_or_set_binary if PLAIN else intrinsic(_get_or_set_binary)

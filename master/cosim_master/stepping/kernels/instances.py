@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import kernel
-from cosim.packets import decode_base64
+from cosim.packets import decode_base64, encode_base64
 from cosim_master.fmi.calls import PACKED
 from cosim_master.stepping.kernels.exchange import exchange, extrapolate, feed, inlined
 from cosim_master.stepping.kernels.fmi3_types import call3
@@ -170,12 +170,25 @@ def _collect_packets(
 
 
 @inlined
-def _is_silent(port: Any) -> bool:
-    """Returns whether an instance with one endpoint has sent no text, as in most steps."""
-    if port.further != 0 or port.binary != 0 or port.has_tx == 0 or port.got == np.uintp(0) or byte_at(port.got) != 0:
-        return False
+def _take_packets(port: Any, e: int, tx: NDArray[np.uint8]) -> bool:
+    """Copies the bytes that an instance has sent in a step in one call; returns whether they fit."""
     port.sent = 0
+    if port.has_tx != 0 and port.got_size != np.uintp(0):
+        if port.got_size > np.uintp(tx.shape[1]):
+            return False
+        for j in range(np.int64(port.got_size)):
+            tx[e, j] = byte_at(np.uintp(port.got + np.uintp(j)))
+        port.sent = np.int64(port.got_size)
     return True
+
+
+@kernel
+def _as_text(port: Any, packets: NDArray[np.uint8], spare: NDArray[np.uint8]) -> None:
+    """Turns packets for an instance from bytes into base64 text, for a call of FMI."""
+    n = np.int64(port.given_size)
+    for j in range(n):
+        spare[j] = packets[j]
+    packets[encode_base64(spare, n, packets)] = 0
 
 
 @kernel
@@ -309,9 +322,9 @@ def _expect(instances: NDArray[Any], i: Any, k: int, begins: bool) -> None:
 
 
 @inlined
-def _step_whole(whole: Any, t: float, h: float) -> int:
+def _step_whole(whole: Any, t: float, h: float, packets: int) -> int:
     """Makes a step in one call, whose arguments are in the WHOLE row at an address; returns what it answers."""
-    return int(step_whole(np.uintp(load_i8(whole)), np.uintp(whole + np.uintp(8)), t, h))
+    return int(step_whole(np.uintp(load_i8(whole)), np.uintp(whole + np.uintp(8)), t, h, packets))
 
 
 @inlined
@@ -320,6 +333,7 @@ def step_some(
     calls: NDArray[Any],
     ports: NDArray[Any],
     encoded: NDArray[np.uint8],
+    rx: NDArray[np.uint8],
     tx: NDArray[np.uint8],
     counters: NDArray[np.int64],
     k: int,
@@ -358,14 +372,14 @@ def step_some(
             packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
             status = NOT_BEGUN
             if m.whole != np.uintp(0) and m.length == 1:
-                well = not packets or _call(instances, calls, i, m.first_set, m.first_set_value, at)
-                if well:
-                    note(at, m)
-                    status = _step_whole(m.whole, t, m.h)
-                    packets, read = False, status != NOT_READ
-                    status = 0 if status == NOT_READ else status
-            if well and status == NOT_BEGUN:
+                note(at, m)
+                status = _step_whole(m.whole, t, m.h, 1 if packets else 0)
+                read = status != NOT_READ
+                status = 0 if status == NOT_READ else status
+            if status == NOT_BEGUN:
                 read = False
+                if packets and ports[m.endpoint].raw != 0:
+                    _as_text(ports[m.endpoint], rx[m.endpoint], encoded)
                 well = _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.last_set, at)
                 if well:
                     note(at, m)
@@ -380,8 +394,12 @@ def step_some(
                 well = False
         if since + 1 == m.length and well and not later:
             well = read or _call(instances, calls, i, m.first_get, m.last_get, at)
-            if m.endpoint >= 0 and well and not _is_silent(ports[m.endpoint]):
-                _collect_packets(instances, calls, ports, i, encoded, tx, at)
+            if m.endpoint >= 0 and well:
+                if read:
+                    if not _take_packets(ports[m.endpoint], m.endpoint, tx):
+                        fail(instances, i, GET_STRING, TOO_LONG, 0)
+                else:
+                    _collect_packets(instances, calls, ports, i, encoded, tx, at)
                 well = m.failed[0] == 0
         if not well:
             failed += 1
@@ -394,20 +412,21 @@ def step_free(
     calls: NDArray[Any],
     ports: NDArray[Any],
     encoded: NDArray[np.uint8],
+    rx: NDArray[np.uint8],
     tx: NDArray[np.uint8],
     counters: NDArray[np.int64],
     k: int,
     chosen: NDArray[np.int64],
 ) -> int:
     """Makes base step `k` of instances that any thread may step; returns the number of failed ones."""
-    return step_some(instances, calls, ports, encoded, tx, counters, k, chosen, False)
+    return step_some(instances, calls, ports, encoded, rx, tx, counters, k, chosen, False)
 
 
 @kernel
 def step_chosen(p: Plan, chosen: NDArray[np.int64]) -> int:
     """Makes the current base step of instances that the main thread must step; returns the number of failed ones."""
     at = running(p)
-    return step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, p.counters[K], chosen, at)
+    return step_some(p.instances, p.calls, p.ports, p.encoded[0], p.rx, p.tx, p.counters, p.counters[K], chosen, at)
 
 
 @kernel
@@ -437,7 +456,9 @@ def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
         )
         if p.slopes.size > 0:
             extrapolate(p, k, i, i + 1)
-        failed += step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, k, chosen[j : j + 1], at)
+        failed += step_some(
+            p.instances, p.calls, p.ports, p.encoded[0], p.rx, p.tx, p.counters, k, chosen[j : j + 1], at
+        )
     return failed
 
 

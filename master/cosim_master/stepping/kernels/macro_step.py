@@ -140,7 +140,7 @@ def next_point(p: Plan, stop: int) -> int:
 
 @kernel
 def _deliver_all(p: Plan, r: Radio, k: int) -> None:
-    """Delivers packets that have arrived to instances that are due, as base64 text or, to FMI 3, as bytes."""
+    """Delivers packets that have arrived to instances that are due, as base64 text or as bytes (PORTS)."""
     instances, ports, rx, endpoints, places = p.instances, p.ports, p.rx, r.endpoints, r.places
     t = point_in_time(p.counters, k)
     for e in range(ports.size):
@@ -154,8 +154,9 @@ def _deliver_all(p: Plan, r: Radio, k: int) -> None:
         if period > 1 and k % period != 0:
             continue
         if due:
-            n = deliver(r, t, e, rx[e] if port.binary != 0 else p.received[0])
-            if port.binary != 0:
+            as_bytes = port.binary != 0 or port.raw != 0
+            n = deliver(r, t, e, rx[e] if as_bytes else p.received[0])
+            if as_bytes:
                 port.given_size = n
             else:
                 rx[e, encode_base64(p.received[0], n, rx[e])] = 0
@@ -380,13 +381,15 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 counters[FAILURES] += step_in_order(p, k, p.confined)
             elif p.confined.size > 0:
                 counters[FAILURES] += step_some(
-                    p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, k, p.confined, running(p)
+                    p.instances, p.calls, p.ports, p.encoded[0], p.rx, p.tx, counters, k, p.confined, running(p)
                 )
             p.shared[RUNNING] = 0
             if counters[BLOCK] > 0:
                 counters[FAILURES] += join_in(p, r)
             elif p.free.size > 0:
-                counters[FAILURES] += step_free(p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, k, p.free)
+                counters[FAILURES] += step_free(
+                    p.instances, p.calls, p.ports, p.encoded[0], p.rx, p.tx, counters, k, p.free
+                )
             counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)
             if counters[FAILURES] > 0:
                 return FAILED

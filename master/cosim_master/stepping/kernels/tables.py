@@ -143,10 +143,10 @@ INSTANCE = np.dtype(
 """This record is small, since memory traffic costs more than computation with thousands of instances."""
 WHOLE = np.dtype(
     [
-        ("function", "u8"),  # uav_cosim_step, which takes the address of the next field
+        ("function", "u8"),  # uav_cosim_make_step, which takes the address of the next field
         ("handle", "u8"),
-        ("moves", "u8"),  # address of what uav_cosim_whole has noted
-        ("values", "u8", (7,)),  # addresses of the inputs and outputs of each kind, and of the text of its packets
+        ("moves", "u8"),  # address of what uav_cosim_note_step has noted
+        ("values", "u8", (8,)),  # addresses of the inputs and outputs of each kind, and in PORTS: of `given` and `got`
     ]
 )
 """The arguments of a step in one call (see fmi2.c); in `Plan.native`."""
@@ -192,15 +192,16 @@ PORTS = np.dtype(
         ("instance", "i8"),
         ("has_rx", "i8"),
         ("has_tx", "i8"),
-        ("given", "u8"),  # address of its row of `rx`, the value of mavlink_rx
-        ("got", "u8"),  # what fmi2GetString returned
+        ("given", "u8"),  # address of its row of `rx`, the value of mavlink_rx,
+        ("given_size", "u8"),  # and its bytes, unless it is text
+        ("got", "u8"),  # address of what mavlink_tx is,
+        ("got_size", "u8"),  # and its bytes, unless it is text
         ("filled", "i8"),  # 2: packets to set, 1: to be set to "" once, 0: nothing to do
         ("sent", "i8"),  # bytes in `tx`
         ("rx", "u4"),  # value references
         ("tx", "u4"),
         ("binary", "i8"),  # of FMI 3: bytes instead of base64 text
-        ("given_size", "u8"),
-        ("got_size", "u8"),
+        ("raw", "i8"),  # of FMI 2 with steps in one call: bytes in these, base64 text in the calls of FMI
         ("get", "u4"),  # call that gets the packets; that of an instance's first endpoint is among its others
         ("further", "u4"),  # further endpoints of the same instance
     ],
@@ -296,7 +297,7 @@ class Plan(NamedTuple):
     ]  # rows (int_out, real_out): integer outputs that real inputs take; -1 - i: a UInt32 at i
     value_maps: NDArray[np.int64]  # rows (int_out, int_out, key, value): see COPY
     ports: Any  # PORTS, of each endpoint
-    rx: NDArray[np.uint8]  # (endpoints, longest text): packets for an instance: base64 text, bytes for FMI 3
+    rx: NDArray[np.uint8]  # (endpoints, longest text): packets for an instance: base64 text, or bytes (PORTS)
     received: NDArray[np.uint8]  # (threads, largest capacity): packets being delivered, before they are text
     tx: NDArray[np.uint8]  # (endpoints, largest capacity): packets from an instance
     encoded: NDArray[np.uint8]  # (threads, longest text): packets being collected, while they are text
@@ -332,7 +333,8 @@ ROLES = declared(
         calls feeds input_runs sources wires int_to_real value_maps
         real_recorded int_recorded grids delays slopes.input slopes.instance confined free ahead members
         positions
-        ports.instance ports.has_rx ports.has_tx ports.given ports.rx ports.tx ports.binary ports.get ports.further
+        ports.instance ports.has_rx ports.has_tx ports.given ports.rx ports.tx ports.binary ports.raw ports.get
+        ports.further
     """,
     STATE="""
         instances.h instances.length real_in int_in real_out int_out rx tx derivatives

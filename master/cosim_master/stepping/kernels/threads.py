@@ -59,7 +59,7 @@ def take_blocks(p: Plan, r: Radio, thread: int) -> int:
         else:
             chosen = p.free[first : first + size]
             faults = step_free(
-                p.instances, p.calls, p.ports, p.encoded[thread], p.tx, p.counters, p.counters[K], chosen
+                p.instances, p.calls, p.ports, p.encoded[thread], p.rx, p.tx, p.counters, p.counters[K], chosen
             )
         if faults > 0:
             atomic_add(np.uintp(at + 8 * FAULTS), faults)

@@ -164,7 +164,7 @@ def _receive(p: Plan, r: Radio, thread: int, group: Any, k: int) -> None:
             continue
         if due:
             capacity = r.endpoints[e].capacity
-            if port.binary != 0:
+            if port.binary != 0 or port.raw != 0:
                 port.given_size = _take(r, inbox, t, capacity, _row_at(p.rx, e))
             else:
                 received = p.received[thread]
@@ -254,7 +254,7 @@ def step_group(p: Plan, r: Radio, thread: int, g: int) -> int:
     for k in range(counters[FROM], counters[UNTIL]):
         _receive(p, r, thread, group, k)
         feed(p, k, runs)
-        failures = step_free(p.instances, p.calls, p.ports, p.encoded[thread], p.tx, counters, k, members)
+        failures = step_free(p.instances, p.calls, p.ports, p.encoded[thread], p.rx, p.tx, counters, k, members)
         failures += blame_some(
             p.instances,
             p.feeds,
