@@ -147,11 +147,9 @@ JUSTIFIED = {
     ("WPNAV_SPEED", "system/flatten/check.py"): "an example in a docstring",
     ("mavlink_rx", "stepping/kernels/macro_step.py"): "the diagram of a macro step, as in ARCHITECTURE.md",
     ("mavlink_tx", "stepping/kernels/macro_step.py"): "the diagram of a macro step, as in ARCHITECTURE.md",
-    ("mavlink_rx", "stepping/kernels/tables.py"): "a comment with the name that packet inputs usually have",
     ("step_timeout", "cli/verbs/run.py"): "an option, the limit of a step in a process of its own",
     ("terrain_origin", "system/authoring/terrain.py"): _TERRAIN,
     ("terrain_spacing", "system/authoring/terrain.py"): _TERRAIN,
-    ("on_ground", "verdict/watching/watch.py"): "an attribute of the watch's own class",
 }
 """Names that are made for models, by the file that may have them, and why."""
 

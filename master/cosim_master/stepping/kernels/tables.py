@@ -192,9 +192,9 @@ PORTS = np.dtype(
         ("instance", "i8"),
         ("has_rx", "i8"),
         ("has_tx", "i8"),
-        ("given", "u8"),  # address of its row of `rx`, the value of mavlink_rx,
+        ("given", "u8"),  # address of its row of `rx`, what it receives,
         ("given_size", "u8"),  # and its bytes, unless it is text
-        ("got", "u8"),  # address of what mavlink_tx is,
+        ("got", "u8"),  # address of what it sends,
         ("got_size", "u8"),  # and its bytes, unless it is text
         ("filled", "i8"),  # 2: packets to set, 1: to be set to "" once, 0: nothing to do
         ("sent", "i8"),  # bytes in `tx`
