@@ -15,6 +15,7 @@ from cosim_master.results.storage.checkpoint_folder import Checkpoint
 from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.observation import Progress, Seen
 from cosim_master.system.reading.overrides import apart
+from cosim_master.system.settings.changes import FromSet
 from cosim_master.system.structure import SystemStructure
 from cosim_master.verdict.findings import Judgement
 
@@ -109,7 +110,7 @@ def _change(given: Any) -> tuple[float, str, str]:
     if isinstance(given, str) or not isinstance(given, Sequence) or len(given) != 3:
         raise TypeError(f"at contains {given!r}; give a sequence of (time in s, name, value)")
     time, name, value = given
-    return float(time), name, _text(value)
+    return float(time), name, value if isinstance(value, FromSet) else _text(value)
 
 
 def _ignore(_: Any) -> None:
@@ -161,7 +162,7 @@ def going_on(options: RunOptions, checkpoint: Checkpoint, structure: SystemStruc
     stop = (was.start + was.steps * was.base) / (1e9 * was.per_ns)
     return replace(
         options,
-        at=[*((checkpoint.time, name, value) for name, value in variables.items()), *options.at],
+        at=[*((checkpoint.time, name, FromSet(value)) for name, value in variables.items()), *options.at],
         overrides={**checkpoint.overrides, **new},
         record=options.record or checkpoint.record,
         until=stop if options.until is None else options.until,

@@ -53,7 +53,7 @@ def test_what_cannot_be_set_is_refused_with_a_reason(line5: CheckedSystem) -> No
     control = Control()
     parameters = Parameters(line5, control)
     assert parameters.set("drone3.vehicle.mass", "2") == (
-        "drone3.vehicle.mass=2: it is parameter, fixed; only tunable parameters and inputs can be changed during a run"
+        "drone3.vehicle.mass=2: it is a fixed parameter; only tunable parameters and inputs can be changed during a run"
     )
     assert "there is no such variable" in parameters.set("drone9.vehicle.mass", "2")
     assert parameters.set("drone3.vehicle.wind[2]", "much") == "drone3.vehicle.wind[2]=much: valid: a number"

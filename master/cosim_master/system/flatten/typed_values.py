@@ -24,9 +24,9 @@ def unsettable(variable: Variable) -> str | None:
     if variable.clock is not None:
         what = f"it is a {variable.clock.kind} Clock"
         return f"cannot be set: {what}; only the interval of fixed and tunable ones with an intervalDecimal can be"
-    initial = f", initial {variable.initial}" if variable.initial else ""
-    what = f"{variable.causality}, {variable.variability}{initial}"
-    return f"cannot be set: it is {what}; only inputs and variables with a start value can be"
+    initial = f' (initial="{variable.initial}")' if variable.initial else ""
+    what = f"{variable.variability} {variable.causality}{initial}"
+    return f"cannot be set: it is a {what}; only inputs and variables with a start value can be"
 
 
 def converted(

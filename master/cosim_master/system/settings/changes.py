@@ -16,9 +16,13 @@ from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.overrides import SETTINGS
 from cosim_master.system.settings.time_grid import TimeGrid
 
-__all__ = ["Change", "Changeable", "changes"]
+__all__ = ["Change", "Changeable", "FromSet", "changes"]
 
-_WHERE = Where("--at")
+
+class FromSet(str):
+    """A value as text that `--set` gives to a run which is resumed from a checkpoint."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +90,8 @@ class Changeable:
             return STRUCTURAL_CHANGE.text()
         tunable = variable.causality == "parameter" and variable.variability == "tunable"
         if not tunable and variable.causality != "input":
-            what = f"{variable.causality}, {variable.variability}"
-            return f"it is {what}; only tunable parameters and inputs can be changed during a run"
+            what = f"{variable.variability} {variable.causality}"
+            return f"it is a {what}; only tunable parameters and inputs can be changed during a run"
         return ""
 
 
@@ -115,7 +119,9 @@ def changes(checked: CheckedSystem, clock: TimeGrid, wanted: Sequence[tuple[floa
                     raise ValueError(_expected(clock, period, checked.instances[number].name))
                 found.append(Change(k, number, variable, variable.parsed(text)))
         except ValueError as error:
-            problems.append(Problem(_WHERE, f"{time:g} {name}={text}: {error}"))
+            given = f"{name}={text}"
+            option = f"--set {given}" if isinstance(text, FromSet) else f"--at {time:g} {given}"
+            problems.append(Problem(Where(option), str(error)))
     if problems:
         raise SystemDescriptionError(problems)
     return tuple(sorted(found, key=lambda change: change.k))

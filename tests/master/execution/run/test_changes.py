@@ -60,8 +60,8 @@ def test_everything_wrong_with_changes_at_once(stricts: Any) -> None:
     parts = stricts.component("a") + stricts.component("b", step=1.0)
     wrong = {
         (1.0, "a.q", "1"): "there is no such variable; ",
-        (1.0, "a.y", "1"): "it is output, continuous; only tunable parameters and inputs can be changed during a run",
-        (1.0, "a.when", "1"): "it is parameter, fixed; only tunable",
+        (1.0, "a.y", "1"): "it is a continuous output; only tunable parameters and inputs can be changed during a run",
+        (1.0, "a.when", "1"): "it is a fixed parameter; only tunable",
         (1.0, "b.u", "1"): "it is connected, and gets its value from there",
         (1.0, "a.p", "x"): "valid: a number",
         (1.0, "a.p", "1001"): "valid: -inf to 1000",
@@ -76,8 +76,21 @@ def test_everything_wrong_with_changes_at_once(stricts: Any) -> None:
         simulate(stricts.ssd(parts, "a/y b/u"), RunOptions(at=list(wrong)))
     messages = [str(problem) for problem in caught.value.problems]
     for (time, name, text), expected in wrong.items():
-        assert any(m.startswith(f"--at: {time:g} {name}={text}: {expected}") for m in messages), (name, messages)
+        assert any(m.startswith(f"--at {time:g} {name}={text}: {expected}") for m in messages), (name, messages)
     assert len(messages) == len(wrong)
+
+
+def test_what_a_resumed_run_cannot_set_is_refused_by_the_name_of_its_option(
+    linears: Any, tmp_path: Path, forks: Forks
+) -> None:
+    linears.fmu()
+    system = linears.ssd(linears.component("a", x0=1.0, w2=1.0, step=0.1))
+    words = ["run", str(system), "--checkpoint-every", "1", "--until", "2", "-o", "run"]
+    assert forks.run(words, tmp_path, os.environ).returncode == 0
+    done = forks.run(["run", str(system), "--from", "run@1", "--set", "a.y=1", "-o", "on"], tmp_path, os.environ)
+    refused = "it is a continuous output; only tunable parameters and inputs can be changed during a run"
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (2, f"error: --set a.y=1: {refused}")
+    assert not (tmp_path / "on").exists()
 
 
 def test_the_option_takes_two_words(stricts: Any, tmp_path: Path, forks: Forks) -> None:

@@ -493,8 +493,8 @@ class TestParameters:
                 '"one.e" is set to "in", which its enumeration does not have; valid: "off", "on"',
             ),
             ("one.e", 1, "Integer", "which its enumeration does not have; valid: off = 0, on = 5"),
-            ("one.y", 1.0, "Real", '"one.y" cannot be set: it is output, continuous, initial calculated'),
-            ("one.c", 1.0, "Real", '"one.c" cannot be set: it is calculatedParameter, fixed, initial calculated'),
+            ("one.y", 1.0, "Real", '"one.y" cannot be set: it is a continuous output (initial="calculated")'),
+            ("one.c", 1.0, "Real", '"one.c" cannot be set: it is a fixed calculatedParameter (initial="calculated")'),
         ],
     )
     def test_values_that_cannot_be_set(

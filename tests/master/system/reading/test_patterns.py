@@ -110,8 +110,8 @@ def test_the_later_one_wins(three: Any) -> None:
         (
             "d?.vehicle.*[2]",
             "1",
-            '--set: "d?.vehicle.*[2]" matches 6 variables, and 3 of them cannot be set: it is output, continuous, '
-            "initial calculated; only inputs and variables with a start value can be: "
+            '--set: "d?.vehicle.*[2]" matches 6 variables, and 3 of them cannot be set: it is a continuous output '
+            '(initial="calculated"); only inputs and variables with a start value can be: '
             "d1.vehicle.position[2], d2.vehicle.position[2], d3.vehicle.position[2]",
         ),
     ],
@@ -134,8 +134,11 @@ def test_changes_by_pattern(three: Any) -> None:
 @pytest.mark.parametrize(
     ("pattern", "message"),
     [
-        ("x*.wind[2]", "--at: 0.5 x*.wind[2]=4: it matches no variable; "),
-        ("d*[2]", "it matches 6 variables, one of them d1.vehicle.position[2]: it is output, continuous; only tunable"),
+        ("x*.wind[2]", "--at 0.5 x*.wind[2]=4: it matches no variable; "),
+        (
+            "d*[2]",
+            "it matches 6 variables, one of them d1.vehicle.position[2]: it is a continuous output; only tunable",
+        ),
         ("network.loss", "settings of radio, recording and master cannot change during a run; give them by --set"),
     ],
 )
