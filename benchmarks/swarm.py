@@ -13,7 +13,7 @@ recorded at 10 Hz, packets recorded. For each size two fresh processes:
     flocking  the shipped system with its drones on a grid; each hears those within 20 m; no packets are recorded
     points    a line of point masses with ideal autopilots, of 80 Hz, agents as in line; no packets are recorded
 
-    python benchmarks/swarm.py [--scenario line] [--drones 5 50 500 1000 2500] [--seconds 20] [--threads N]
+    python benchmarks/swarm.py [--scenario line] [--drones 5 50 500 1000 2500] [--seconds 20] [--step H] [--threads N]
 """
 
 from __future__ import annotations
@@ -90,7 +90,9 @@ AIRBORNE = 12.0
 # ---- in a process of its own: the whole command -------------------------------------------------------------------
 
 
-def run_once(folder: Path, scenario: str, seconds: float, threads: int | None, began: float) -> dict[str, Any]:
+def run_once(
+    folder: Path, scenario: str, seconds: float, step: float | None, threads: int | None, began: float
+) -> dict[str, Any]:
     """What `uav-cosim run FOLDER -o OUT --record '*.vehicle.position*'` does; `began` is when it was started."""
     gc.set_threshold(50_000, 20, 50)  # as the command does
     first: list[float] = []
@@ -120,7 +122,12 @@ def run_once(folder: Path, scenario: str, seconds: float, threads: int | None, b
         result = simulate(
             folder,
             RunOptions(
-                out=Path(out), until=seconds, record=RECORDED, threads=threads, overrides=SCENARIOS[scenario].overrides
+                out=Path(out),
+                until=seconds,
+                step=step,
+                record=RECORDED,
+                threads=threads,
+                overrides=SCENARIOS[scenario].overrides,
             ),
             listener=Listener(progress=progress),
         )
@@ -252,7 +259,7 @@ def child(*words: str) -> tuple[dict[str, Any], float]:
 
 
 def measure(
-    scenario: str, drones: int, seconds: float, threads: int | None, fmus: Path, folder: Path
+    scenario: str, drones: int, seconds: float, step: float | None, threads: int | None, fmus: Path, folder: Path
 ) -> dict[str, Any]:
     """One row: the command, then, for a line, its phases."""
     chosen = SCENARIOS[scenario]
@@ -267,6 +274,7 @@ def measure(
     )
     words = ["--scenario", scenario, "--seconds", str(seconds)]
     words += [] if threads is None else ["--threads", str(threads)]
+    words += [] if step is None else ["--step", str(step)]
     row, memory = child("--run", str(system), *words, "--began", repr(time.time()))
     parts, _ = child("--phases", str(system)) if scenario == "line" else ({}, 0.0)
     row |= {"drones": drones, "seconds": seconds, "peak_MiB": memory, "phases_us": parts}
@@ -287,6 +295,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scenario", choices=SCENARIOS, default="line")
     parser.add_argument("--drones", type=int, nargs="+", metavar="N", help="default: those of the scenario")
     parser.add_argument("--seconds", type=float, default=20.0, help="simulated")
+    parser.add_argument("--step", type=float, default=None, help="of the vehicles and autopilots, s")
     parser.add_argument("--threads", type=int, default=None)
     parser.add_argument("--fmus", type=Path, default=ROOT / "fmus", help="folder that `uav-cosim build` has filled")
     parser.add_argument("--json", type=Path, metavar="FILE")
@@ -295,7 +304,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--began", type=float, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.run is not None:
-        print(json.dumps(run_once(options.run, options.scenario, options.seconds, options.threads, options.began)))
+        given = options.run, options.scenario, options.seconds, options.step, options.threads, options.began
+        print(json.dumps(run_once(*given)))
         return
     if options.phases is not None:
         print(json.dumps(phases(options.phases)))
@@ -304,7 +314,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory(prefix="uav-cosim-swarm-") as temporary:
         fmus = options.fmus.resolve()
         sizes = options.drones or SCENARIOS[options.scenario].drones
-        given = options.seconds, options.threads, fmus, Path(temporary)
+        given = options.seconds, options.step, options.threads, fmus, Path(temporary)
         rows = [measure(options.scenario, n, *given) for n in sizes]
     names = list(rows[0]["phases_us"])
     columns = [

@@ -259,7 +259,7 @@ def _instead(checked: CheckedSystem, pattern: str, candidates: Collection[str]) 
         if pattern.startswith(f"{instance.name}."):
             variable = instance.fmu.variables.get(pattern[len(instance.name) + 1 :])
             if variable is not None:
-                return f": it is {variable.causality}"
+                return f": its causality is {variable.causality}"
     if pattern and (inside := matching(f"{pattern}.*", candidates)):
         return f'; try "{pattern}.*", which matches {len(inside)}'
     return f"; {near_pattern(pattern, candidates)}"

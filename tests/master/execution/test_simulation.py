@@ -536,7 +536,7 @@ def problems(call: Any) -> list[str]:
         ({"until": 1e-10}, "start and stop time must be whole nanoseconds"),
         ({"overrides": {"a.q": "1"}}, 'there is no variable "a.q"'),
         ({"record": ["a"]}, '"a" matches no output or local variable; try "a.*", which matches '),
-        ({"record": ["a.p"]}, '"a.p" matches no output or local variable: it is parameter'),
+        ({"record": ["a.p"]}, '"a.p" matches no output or local variable: its causality is parameter'),
         ({"record": ["*.nothing"]}, '"*.nothing" matches no output or local variable; '),
     ],
 )
