@@ -185,7 +185,7 @@ def _take_packets(port: Any, e: int, tx: NDArray[np.uint8]) -> bool:
 @kernel
 def _as_text(port: Any, packets: NDArray[np.uint8], spare: NDArray[np.uint8]) -> None:
     """Turns packets for an instance from bytes into base64 text, for a call of FMI."""
-    n = np.int64(port.given_size)
+    n = int(np.int64(port.given_size))
     for j in range(n):
         spare[j] = packets[j]
     packets[encode_base64(spare, n, packets)] = 0
