@@ -8,13 +8,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from cosim_master import RunOptions, simulate
 from cosim_master.network.radio.build import make_radio
 from cosim_master.stepping import plan as plans
-from cosim_master.stepping.kernels.instances import collect_all
+from cosim_master.stepping.kernels.instances import collect_all, step_chosen
 from cosim_master.stepping.kernels.macro_step import run
 from cosim_master.stepping.kernels.tables import DO_STEP, DONE, FAILED, GET_STRING, NOT_BEGUN, NOT_READ, TOO_LONG, Plan
 from cosim_master.stepping.layout import make_layout
@@ -171,6 +172,23 @@ def test_packets_are_text_to_the_calls_of_fmi() -> None:
     ]
     received = [line for line in whole.log if line.startswith("c: set mavlink_rx")]
     assert received == [f"c: set mavlink_rx = {text}"] * 2
+
+
+def test_packets_stay_the_same_when_a_step_is_repeated() -> None:
+    """As text and as bytes; a master that repeats a step delivers nothing in between."""
+    answers = [0, NOT_BEGUN, NOT_BEGUN, 0]
+    whole = Whole([], lambda k: answers.pop(0))
+    plan, radio = plan_of(whole, others=[station(whole.log)])
+    assert run(plan, radio, 1) == DONE
+    whole.log.clear()
+    assert plan.ports["filled"][0] == 2
+    place, size = plan.ports["given"][0], plan.ports["given_size"][0]
+    for _ in answers[:]:
+        assert step_chosen(plan, np.array([1])) == 0
+    text = f"b: set mavlink_rx = {b64encode(HEARTBEAT).decode()}"
+    received = [line for line in whole.log if "mavlink_rx" in line or "whole" in line]
+    assert received == [text, text, f"b: whole step 1 + 1 with {HEARTBEAT.hex()}"]
+    assert (plan.ports["given"][0], plan.ports["given_size"][0]) == (place, size)
 
 
 def test_more_packets_than_fit_are_a_failure() -> None:

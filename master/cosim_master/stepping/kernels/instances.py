@@ -183,15 +183,6 @@ def _take_packets(port: Any, e: int, tx: NDArray[np.uint8]) -> bool:
 
 
 @kernel
-def _as_text(port: Any, packets: NDArray[np.uint8], spare: NDArray[np.uint8]) -> None:
-    """Turns packets for an instance from bytes into base64 text, for a call of FMI."""
-    n = int(np.int64(port.given_size))
-    for j in range(n):
-        spare[j] = packets[j]
-    packets[encode_base64(spare, n, packets)] = 0
-
-
-@kernel
 def collect(
     instances: NDArray[Any], ports: NDArray[Any], i: int, e: int, encoded: NDArray[np.uint8], tx: NDArray[np.uint8]
 ) -> None:
@@ -378,9 +369,15 @@ def step_some(
                 status = 0 if status == NOT_READ else status
             if status == NOT_BEGUN:
                 read = False
-                if packets and ports[m.endpoint].raw != 0:
-                    _as_text(ports[m.endpoint], rx[m.endpoint], encoded)
+                given = np.uintp(0)
+                if packets and ports[m.endpoint].raw != 0:  # text of them for the calls of FMI
+                    given = ports[m.endpoint].given
+                    size = int(np.int64(ports[m.endpoint].given_size))
+                    encoded[encode_base64(rx[m.endpoint], size, encoded)] = 0
+                    ports[m.endpoint].given = np.uintp(encoded.ctypes.data)
                 well = _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.last_set, at)
+                if given != np.uintp(0):
+                    ports[m.endpoint].given = given
                 if well:
                     note(at, m)
                     if m.answers == np.uintp(0):
