@@ -35,14 +35,18 @@ def prepared(fmus: Path) -> Prepared:
     return checked, network, make_layout(checked, network, observed=watched(checked)), time_grid(checked, 60.0)
 
 
-def judged(prepared: Prepared, rows: Sequence[Mapping[str, float]], settled: int = 0) -> list[Finding]:
+def judged(prepared: Prepared, rows: Sequence[Mapping[str, float]], settled: int = 0, idle: str = "") -> list[Finding]:
     """Findings of drone 3 coming down; a row of its outputs each 0.1 s.
 
     Names: north, up [m], ground, state, armed, desired (height of the autopilot's target, m). `settled`: the watch
-    evaluates after every so many rows, as before checkpoints; 0: as it does by itself.
+    evaluates after every so many rows, as before checkpoints; 0: as it does by itself. `idle`: a second agent of
+    drone 3, which commands nothing.
     """
     checked, network, layout, clock = prepared
     watch = Watch(checked, network, layout, clock, Limits())
+    agents = {one.instance.name: one for one in watch.agents}
+    if idle:
+        agents[idle].body = agents["drone3.agent"].body
     reals = np.zeros(len(layout.ports["Real"].outputs))
     count = len(layout.ports["Integer"].outputs)
     integers = np.zeros(count + len(layout.ports["Boolean"].outputs), dtype=np.int32)
@@ -74,6 +78,13 @@ def flight(down: int, **on_ground: float) -> list[dict[str, float]]:
     """1 s on the ground, 2 s at 10 m, `down` rows on the ground, 0.5 s at 10 m again."""
     start, up = {"ground": 1.0, "state": TAKEOFF}, {"up": 10.0, **{k: v for k, v in on_ground.items() if k == "state"}}
     return [start] * 10 + [up] * 20 + [{"ground": 1.0, "north": 4.0, **on_ground}] * down + [up] * 5
+
+
+@pytest.mark.parametrize("idle", ["drone2.agent", "drone4.agent"])
+def test_one_of_two_agents_that_commands_the_vehicle_is_enough(prepared: Prepared, idle: str) -> None:
+    """Whichever of them the system names first."""
+    (alone,) = judged(prepared, flight(60))
+    assert judged(prepared, flight(60), idle=idle) == [alone]
 
 
 def test_the_states_are_those_of_the_agent(prepared: Prepared) -> None:
