@@ -38,6 +38,7 @@ from report import machine, show, write
 from cosim.kernel import kernel
 from cosim_master.execution.execution import Execution
 from cosim_master.execution.options import Listener, RunOptions
+from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.run.opening import Setup
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.radio.build import grown
@@ -96,8 +97,12 @@ def run_once(
     """What `uav-cosim run FOLDER -o OUT --record '*.vehicle.position*'` does; `began` is when it was started."""
     gc.set_threshold(50_000, 20, 50)  # as the command does
     first: list[float] = []
-    processor = 0.0
+    base_step = processor = 0.0
     recording = 0.0
+
+    def prepared(ready: Prepared) -> None:
+        nonlocal base_step
+        base_step = ready.clock.seconds(1)
 
     def progress(seen: Progress) -> None:
         nonlocal processor
@@ -129,12 +134,13 @@ def run_once(
                 threads=threads,
                 overrides=SCENARIOS[scenario].overrides,
             ),
-            listener=Listener(progress=progress),
+            listener=Listener(prepared=prepared, progress=progress),
         )
         if result.outcome != "done":
             raise RuntimeError(f"{folder}: {result.outcome}: {result.error}")
         size = sum(file.stat().st_size for file in Path(out).rglob("*") if file.is_file())
     return {
+        "base_step": base_step,
         "start_up_s": first[0],
         "processor_s": time.process_time() - processor,
         "wall_s": result.wall_s,
@@ -295,7 +301,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scenario", choices=SCENARIOS, default="line")
     parser.add_argument("--drones", type=int, nargs="+", metavar="N", help="default: those of the scenario")
     parser.add_argument("--seconds", type=float, default=20.0, help="simulated")
-    parser.add_argument("--step", type=float, default=None, help="of the vehicles and autopilots, s")
+    parser.add_argument("--step", type=float, default=None, help="base step, s")
     parser.add_argument("--threads", type=int, default=None)
     parser.add_argument("--fmus", type=Path, default=ROOT / "fmus", help="folder that `uav-cosim build` has filled")
     parser.add_argument("--json", type=Path, metavar="FILE")

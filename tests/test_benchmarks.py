@@ -92,6 +92,15 @@ def test_swarm_flies_and_accounts_for_every_phase(tmp_path: Path, fmus: Path) ->
 
 
 @pytest.mark.slow
+def test_a_swarm_of_point_masses_has_the_step_it_is_given(tmp_path: Path, fmus: Path) -> None:
+    words = ("--scenario", "points", "--drones", "3", "--seconds", "1", "--fmus", str(fmus))
+    for step, expected in ((("--step", "0.05"), 0.05), ((), 0.0125)):
+        (row,) = benchmark("swarm", tmp_path, *words, *step)["rows"]
+        assert row["base_step"] == expected
+        assert row["packets"]["sent"] > 0
+
+
+@pytest.mark.slow
 def test_packets_are_the_same_for_pymavlink(tmp_path: Path, fmus: Path) -> None:
     rows = benchmark("packets", tmp_path, "--rounds", "1", "--scale", "0.01", "--fmus", str(fmus))["rows"]
     assert [row["operation"] for row in rows] == ["encode", "find", "decode", "route"]
