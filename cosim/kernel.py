@@ -7,11 +7,11 @@ plain Python (where numba is not installed, or with ``NUMBA_DISABLE_JIT=1`` for 
 numbers.
 
 Machine code is stored in one folder per digest of the sources, each file with a digest of its own contents, which is
-checked before the code is loaded. The digest of the sources covers the kernel's module and every module
-of its package and of this package that it imports, directly or indirectly. Code is looked up first in the package
-itself (``compiled/DIGEST``, which a wheel contains), then in the user's cache folder. Kernels of a single file outside
-a package are compiled in every process, and so are kernels that close over others, because their module does not
-determine their sources.
+checked before the code is loaded. The digest of the sources covers the kernel's module and every module that it
+imports, directly or indirectly, of its package, of this one, and of others that use this one. Code is looked up first
+in the package itself (``compiled/DIGEST``, which a wheel contains), then in the user's cache folder. Kernels of a
+single file outside a package are compiled in every process, and so are kernels that close over others, because their
+module does not determine their sources.
 """
 
 from __future__ import annotations
@@ -135,10 +135,11 @@ def _code_folders(source: Path) -> tuple[Path, Path]:
 
 
 def imported_sources(module: Path) -> set[Path]:
-    """Returns `module` and every file of its package and of this package that it imports, directly or indirectly.
+    """Returns `module` and every file that it imports, directly or indirectly.
 
-    Parent packages are not imported for their contents, so an ``__init__.py`` counts only if a name is imported from
-    it.
+    These are files of its package, of this package, and of packages with modules that import this one, such as
+    cosim_models. Parent packages are not imported for their contents, so an ``__init__.py`` counts only if a name is
+    imported from it.
     """
     roots = {root.name: root.parent for root in (Path(__file__).parent, _root(module))}
     found: set[Path] = set()
@@ -147,6 +148,7 @@ def imported_sources(module: Path) -> set[Path]:
         file = waiting.pop()
         if file not in found:
             found.add(file)
+            roots |= _made_for_cosim(file, frozenset(roots))
             waiting += _imported(file, tuple(roots.items()))
     return found
 
@@ -154,6 +156,33 @@ def imported_sources(module: Path) -> set[Path]:
 _IMPORT = re.compile(
     r"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n(]+)|import[ \t]+([^\n]+))", re.MULTILINE
 )
+
+
+_USES_COSIM = re.compile(r"^(?:from|import) cosim\b", re.MULTILINE)
+
+
+@cache
+def _made_for_cosim(file: Path, known: frozenset[str]) -> dict[str, Path]:
+    """Returns the packages of modules that `file` imports and that import this package -> their parent folders."""
+    found: dict[str, Path] = {}
+    for package, names, _ in _IMPORT.findall(file.read_text(encoding="utf-8")):
+        first = package.partition(".")[0]
+        if not first or first in known or first in found or (root := _package(first)) is None:
+            continue
+        modules = (package, *(f"{package}.{name}" for name in re.findall(r"\w+", names)))
+        paths = [root.joinpath(*module.split(".")[1:]) for module in modules if "." in module]
+        files = (file for path in paths for file in (path.with_suffix(".py"), path / "__init__.py"))
+        if any(file.is_file() and _USES_COSIM.search(file.read_text(encoding="utf-8")) for file in files):
+            found[first] = root.parent
+    return found
+
+
+@cache
+def _package(name: str) -> Path | None:
+    """Returns the folder of a package; None if there is none of this name, or if it is a single module."""
+    spec = find_spec(name)
+    folders = spec.submodule_search_locations if spec is not None and spec.origin else None
+    return Path(next(iter(folders))) if folders else None
 
 
 @cache

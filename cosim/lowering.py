@@ -8,6 +8,9 @@ Here, a kernel that another kernel calls is only lowered. Machine code is genera
 kernel or a model is built: the IR of the kernel and of all its callees is linked into one module, every symbol except
 the entry point becomes internal, and the module is optimised and emitted once.
 
+The IR of kernels in packages is stored in files, too. Whoever builds a model of their own lowers their own functions
+and finds those of this project, which are most.
+
 This module uses numba's internals (`numba.core`): its dispatcher, its target and its code library. So do `shortcuts`,
 which this module puts to use, and the checks of `cosim.build.native.checks`.
 """
@@ -16,12 +19,13 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import io
 import pickle
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from functools import cached_property
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from functools import cache, cached_property
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -39,7 +43,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.datamodel import register_default
 from numba.core.datamodel.models import RecordModel
 from numba.core.dispatcher import _FunctionCompiler
-from numba.core.environment import lookup_environment
+from numba.core.environment import Environment, lookup_environment
+from numba.core.funcdesc import PythonFunctionDescriptor, default_mangler, qualifying_prefix
 from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
@@ -72,6 +77,10 @@ class Lowered(NamedTuple):
 
 class Library(JITCodeLibrary):  # type: ignore[misc]
     """The IR of one function and the libraries of its callees; machine code is generated on demand."""
+
+    is_of_kernel = False
+    file: Path | None = None
+    """Where the IR of this kernel is stored; None: nowhere, so that of its callers is not stored either."""
 
     def add_ir_module(self, ir_module: Any) -> None:
         self._raise_if_finalized()
@@ -195,6 +204,203 @@ def keep_only(module: Any, names: Iterable[str]) -> None:
     for value in (*module.functions, *module.global_variables):
         if not value.is_declaration and value.name not in kept and value.linkage != llvm.Linkage.common:
             value.linkage = "internal"
+
+
+class _Unsettled(Exception):
+    """The IR of a kernel depends on this process."""
+
+
+_settled: dict[Path, Library] = {}
+"""Libraries that are complete in their files, by file."""
+
+
+class _Description(NamedTuple):
+    """What callers of a lowered kernel have to know besides the types of its arguments."""
+
+    returns: Any
+    arguments: tuple[str, ...]
+    inline: bool
+    noalias: bool
+    abi_tags: tuple[Any, ...]
+
+
+class _Stored:
+    """The IR of one kernel for one tuple of argument types, in a file or to be written to one.
+
+    The IR is brought into a form that does not depend on the process: the kernel's symbol is named by the digest that
+    names the file, and small functions of numba, such as `min` of two numbers, become internal. Kernels have this form
+    whether they are read or have just been lowered, so that the same machine code is made of both.
+    """
+
+    def __init__(self, function: Any, types: tuple[Any, ...], file: Path, digest: str) -> None:
+        self._function, self._types, self._file = function, types, file
+        name = qualifying_prefix(function.__module__, function.__qualname__)
+        self._symbol = default_mangler(name, (), uid=digest)  # numba names types by numbers of this process
+
+    def read(self, context: Any) -> Lowered | None:
+        """Returns the kernel, with the libraries of its callees; None if a file is missing."""
+        found = _read(context.codegen(), self._file)
+        if found is None:
+            return None
+        library, description = found
+        return self._lowered(context, library, _Unpickler(io.BytesIO(description), self._types).load())
+
+    def write(self, lowered: Lowered) -> Lowered:
+        """Stores a kernel that has just been lowered, and returns it as `read` does.
+
+        Raises:
+            _Unsettled: the IR depends on this process, or on a kernel whose IR does.
+        """
+        fndesc, context = lowered.result.fndesc, lowered.result.target_context
+        if tuple(fndesc.argtypes) != self._types:
+            raise _Unsettled
+        module, callees = self._module(lowered)
+        restype = lowered.signature.return_type
+        description = _Description(restype, tuple(fndesc.args), fndesc.inline, fndesc.noalias, tuple(fndesc.abi_tags))
+        described = io.BytesIO()
+        _Pickler(described, self._types).dump(description)
+        content = [_place(callee.file) for callee in callees], described.getvalue(), module.as_bitcode()
+        with suppress(OSError):  # disk full, or home not writable: the next process lowers it again
+            write_kept(self._file, pickle.dumps(content))
+        return self._lowered(context, _library(context.codegen(), self._file, module, callees), description)
+
+    def _module(self, lowered: Lowered) -> tuple[Any, list[Library]]:
+        """Returns a module with the kernel and the functions of numba that it calls, and the kernels that it calls."""
+        parts, callees = _parts(lowered.library)
+        if any(callee.file is None for callee in callees):
+            raise _Unsettled
+        module = parts[0]._final_module.clone()
+        for part in parts[1:]:
+            module.link_in(
+                (part._final_module if isinstance(part, Library) else part._get_module_for_linking()).clone()
+            )
+        for one in module.global_variables:
+            if one.name.startswith(".dynamic.globals"):  # an address in this process
+                raise _Unsettled
+            if one.name.startswith(_ENVIRONMENT):
+                if str(module).count(one.name) > 1:  # a Python object in this process
+                    raise _Unsettled
+                one.linkage = "internal"
+        known = {function.name for callee in callees for function in callee._final_module.functions}
+        inner = 0
+        for function in module.functions:
+            if function.is_declaration:
+                if function.name.startswith("_ZN") and function.name not in known:  # a caller of this kernel
+                    raise _Unsettled
+            elif function.name == lowered.name:
+                function.name = self._symbol
+            else:
+                inner += 1
+                function.name = f"{self._symbol}.{inner}"
+        keep_only(module, [self._symbol])
+        return module, callees
+
+    def _lowered(self, context: Any, library: Library, description: _Description) -> Lowered:
+        function, returns = self._function, description.returns
+        fndesc = PythonFunctionDescriptor(
+            True,
+            function.__module__,
+            function.__qualname__,
+            function.__qualname__,
+            "",
+            None,
+            returns,
+            None,
+            description.arguments,
+            (),
+            argtypes=self._types,
+            inline=description.inline,
+            noalias=description.noalias,
+            abi_tags=description.abi_tags,
+        )
+        fndesc.mangled_name = self._symbol
+        fndesc.env_name = f"{_ENVIRONMENT}{self._symbol}"
+        result = compiler.CompileResult(
+            typing_context=None,
+            target_context=context,
+            entry_point=None,
+            typing_error=None,
+            type_annotation="",
+            signature=typing.signature(returns, *self._types),
+            objectmode=False,
+            lifted=(),
+            fndesc=fndesc,
+            library=library,
+            call_helper=None,
+            environment=Environment.from_fndesc(fndesc),
+            metadata={},
+            reload_init=[],
+            referenced_envs=(),
+        )
+        return Lowered(result, library)
+
+
+def _parts(library: Library) -> tuple[list[Any], list[Library]]:
+    """Returns the library and those of numba that it needs, and those of kernels that these call."""
+    parts: list[Any] = []
+    callees: dict[Library, None] = {}
+    waiting: list[Any] = [library]
+    while waiting:
+        one = waiting.pop()
+        if one is not library and isinstance(one, Library) and one.is_of_kernel:
+            callees.setdefault(one)
+        elif one not in parts and one.name != "nrt":  # kernels count no references
+            parts.append(one)
+            waiting += reversed(one._linking_libraries)
+    return parts, list(callees)
+
+
+def _place(file: Path | None) -> str:
+    """Returns the file's path within the folder of all digests."""
+    assert file is not None
+    return f"{file.parent.name}/{file.name}"
+
+
+def _library(codegen: Any, file: Path, module: Any, callees: Sequence[Library]) -> Library:
+    library = Library(codegen, file.stem)
+    library._final_module = module
+    library._linking_libraries = list(callees)
+    library.is_of_kernel, library.file = True, file
+    _settled[file] = library
+    return library
+
+
+def _read(codegen: Any, file: Path) -> tuple[Library, bytes] | None:
+    """Returns the library of a file, which links those of its callees, and the description of the kernel."""
+    if (code := read_kept(file)) is None:
+        return None
+    places, description, bitcode = pickle.loads(code)
+    if (library := _settled.get(file)) is not None:
+        return library, description
+    callees = []
+    for place in places:
+        callee = file.parent.parent / place
+        if (known := _settled.get(callee)) is None:
+            if (found := _read(codegen, callee)) is None:
+                return None
+            known = found[0]
+        callees.append(known)
+    return _library(codegen, file, llvm.parse_bitcode(bitcode), callees), description
+
+
+class _Pickler(pickle.Pickler):
+    """Pickles types; those of arguments by number, because records are long and the caller has them."""
+
+    def __init__(self, file: Any, types: tuple[Any, ...]) -> None:
+        super().__init__(file, pickle.HIGHEST_PROTOCOL)
+        self._places = {id(one): place for place, one in enumerate(types)}
+
+    def persistent_id(self, value: Any) -> int | None:
+        return self._places.get(id(value))
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, file: Any, types: tuple[Any, ...]) -> None:
+        super().__init__(file)
+        self._types = types
+
+    def persistent_load(self, place: int) -> Any:
+        return self._types[place]
 
 
 class _KeptCode(_Cache):  # type: ignore[misc]
@@ -342,6 +548,13 @@ class _ForPython(_FunctionCompiler):  # type: ignore[misc]
         return result._replace(library=library, entry_point=entry)
 
 
+@cache
+def _passes(pipeline: Any) -> str:
+    """Returns a text that determines the passes by which kernels are lowered; those of numba have its version."""
+    source = Path(str(sys.modules[pipeline.__module__].__file__))
+    return "" if pipeline is compiler.Compiler else hashlib.sha256(source.read_bytes()).hexdigest()
+
+
 def _widened(one: Any) -> Any:
     """Returns the type with which a kernel receives an argument of type `one` from another kernel.
 
@@ -364,6 +577,8 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         super().__init__(py_func, locals, targetoptions, pipeline_class)
         self._pipeline_class = pipeline_class
         self._lowered: dict[tuple[Any, ...], Lowered] = {}
+        self.kept_in: Callable[[], Sequence[Path]] | None = None
+        """Returns the folders of what is made of this kernel; None: nothing is stored."""
 
     @cached_property
     def _lowerer(self) -> _Lowerer:
@@ -372,6 +587,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     def keep(self, folders: Callable[[], Sequence[Path]]) -> None:
         """Loads machine code from `folders`, which is called when it is needed, and writes new code to the last."""
         self._cache = _KeptCode(self.py_func, folders)
+        self.kept_in = folders
 
     def compile(self, sig: Any) -> Any:
         if not isinstance(self._compiler, _ForPython):
@@ -393,18 +609,48 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         with global_compiler_lock, _without_collector():
             if (known := self._lowered.get(types)) is not None:
                 return known
-            with self._compiling_counter:
-                try:
-                    result = self._lowerer.compile(types, returns)
-                except errors.ForceLiteralArg as error:
-                    raise error.bind_fold_arguments(
-                        lambda args, kws: self._lowerer.fold_argument_types(args, kws)[1]
-                    ) from None
-            lowered = Lowered(result, result.library)
+            stored = self._stored(types) if returns is None else None
+            lowered = stored.read(self.targetctx) if stored is not None else None
+            if lowered is None:
+                lowered = self._lower(types, returns)
+                if stored is not None:
+                    with suppress(_Unsettled):
+                        lowered = stored.write(lowered)
+            result = lowered.result
             self.targetctx.insert_user_function(lowered.library, result.fndesc, [lowered.library])
             self.targetctx.codegen().written[lowered.name] = lowered.library
             self._lowered[types] = lowered
             return lowered
+
+    def _lower(self, types: tuple[Any, ...], returns: Any) -> Lowered:
+        with self._compiling_counter:
+            try:
+                result = self._lowerer.compile(types, returns)
+            except errors.ForceLiteralArg as error:
+                raise error.bind_fold_arguments(
+                    lambda args, kws: self._lowerer.fold_argument_types(args, kws)[1]
+                ) from None
+        result.library.is_of_kernel = True
+        return Lowered(result, result.library)
+
+    def _stored(self, types: tuple[Any, ...]) -> _Stored | None:
+        """Returns the place of the IR for arguments of `types`; None if there is none that other processes could use.
+
+        Exceptions have the path of the source, which is therefore part of the digest.
+        """
+        if self.kept_in is None:
+            return None
+        code = self.py_func.__code__
+        tools = numba_version, llvmlite_version, sys.version_info[:2], self.targetctx.codegen().magic_tuple()
+        how = sorted(self.targetoptions.items()), _passes(self._pipeline_class), int(_config.OPT), _config.BOUNDSCHECK
+        what = repr(
+            (code.co_filename, self.py_func.__qualname__, code.co_firstlineno, list(map(str, types)), how, tools)
+        )
+        if " at 0x" in what:  # a function of this process
+            return None
+        digest = hashlib.sha256(what.encode()).hexdigest()[:32]
+        file = self.kept_in()[-1] / f"{self.py_func.__qualname__}-{digest}.lowered"
+        return _Stored(self.py_func, types, file, digest)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         signature, types = self._lowerer.fold_argument_types(args, kws)

@@ -9,6 +9,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +155,23 @@ def test_code_is_looked_for_in_the_package_then_in_the_cache_and_never_for_other
     assert not other & first
 
 
+def test_what_is_taken_from_another_package_for_cosim_is_part_of_the_sources(garden: Garden) -> None:
+    """The code was that of before when a package beside the kernel's was changed, such as by a new version."""
+    folder = garden.folder
+    (folder / "shed").mkdir()
+    for name, text in (("__init__", ""), ("tap", "from cosim.kernel import kernel\nFLOW = 3.0\n")):
+        (folder / "shed" / f"{name}.py").write_text(text)
+    can = folder / "garden/can.py"
+    can.write_text("from shed.tap import FLOW as FILL\n")
+    printed, first = garden.watered("cache")
+    assert printed == "5.5\n"
+    tap = folder / "shed/tap.py"
+    tap.write_text(tap.read_text().replace("3.0", "5.0"))
+    printed, both = garden.watered("cache")
+    assert printed == "8.5\n"
+    assert first < both
+
+
 def test_code_for_a_debugger_is_not_taken_for_optimised_code(garden: Garden) -> None:
     printed, slow = garden.watered("cache", fork=False, NUMBA_OPT="0")
     assert printed == "4.0\n"
@@ -183,7 +201,7 @@ def test_changed_code_is_made_anew_and_never_loaded(garden: Garden, place: str) 
     assert garden.watered("cache", notes) == ("4.0\n", {name})
     assert notes[2] == ""
     assert file.read_bytes() == remade  # which was loaded
-    assert [path.name for path in file.parent.iterdir()] == [file.name]
+    assert [path.name for path in file.parent.iterdir() if path.suffix != ".lowered"] == [file.name]
 
 
 def test_code_that_nobody_has_written_with_a_digest_is_not_unpickled(garden: Garden, tmp_path: Path) -> None:
@@ -233,7 +251,120 @@ def test_code_that_another_process_makes_is_waited_for(garden: Garden, tmp_path:
     printed, errors = child.communicate(timeout=600)
     assert child.returncode == 0, errors
     assert printed.splitlines()[-1] == "4.0"
-    assert [path.name for path in file.parent.iterdir()] == [file.name]
+    assert [path.name for path in file.parent.iterdir() if path.suffix != ".lowered"] == [file.name]
+
+
+LOWERED_CALL = """
+import sys; sys.path.insert(0, sys.argv[1])
+from cosim import lowering
+from cosim.fields import get_real
+lower = lowering._Lowerer._compile_core
+def noting(self, *arguments):
+    print("lowers", self.py_func.__qualname__)
+    return lower(self, *arguments)
+lowering._Lowerer._compile_core = noting
+from garden import bed
+bed.watered.lower((lowering.types.float64,))
+from cosim.build.native.checks import checked
+checked(bed.watered).lower((lowering.types.float64,))
+lent = bed.lent(bed.poured)
+lent.lower((lowering.types.float64,))
+print(lent(1.5))
+"""
+LENT = """
+def lent(used):
+    @kernel
+    def lending(x):
+        return used(x) + seldom(x)
+    return lending
+
+def of(factor):
+    @kernel
+    def inner(x):
+        return factor * x
+    return inner
+
+inner = of(4.0)
+
+@kernel
+def seldom(x):
+    return inner(x)
+"""
+"""Closures depend on the process, and so does a kernel that calls one."""
+
+
+class TestLoweredKernels:
+    """IR is found again by other processes, and only if it is that of the same sources and passes."""
+
+    ALL = ("watered", "poured", "watered", "poured", "of.<locals>.inner", "seldom", "lent.<locals>.lending")
+    """A checked kernel is another one."""
+
+    @pytest.fixture
+    def lowers(self, garden: Garden, forked_builder: Forked) -> Callable[..., tuple[list[str], str]]:
+        bed = garden.folder / "garden/bed.py"
+        bed.write_text(bed.read_text() + LENT)
+
+        def run(cache: str = "cache") -> tuple[list[str], str]:
+            """Which functions a process lowers, and its stderr; it computes the same every time."""
+            environment = {**os.environ, "XDG_CACHE_HOME": str(garden.folder / cache)}
+            done = forked_builder.run(LOWERED_CALL, str(garden.folder), environment=environment)
+            assert done.returncode == 0, done.stderr
+            *lowered, computed = done.stdout.splitlines()
+            assert computed == "9.0"
+            return [line.removeprefix("lowers ") for line in lowered], done.stderr
+
+        return run
+
+    def test_kernels_of_packages_are_lowered_once(self, lowers: Callable[..., tuple[list[str], str]]) -> None:
+        first, _ = lowers()
+        assert sorted(first) == sorted(self.ALL)
+        again, notes = lowers()
+        assert sorted(again) == sorted(self.ALL[4:])
+        assert notes == ""
+
+    @pytest.mark.parametrize("damage", ["changed", "callee changed", "callee missing"])
+    def test_what_is_damaged_or_missing_is_lowered_again(
+        self, lowers: Callable[..., tuple[list[str], str]], tmp_path: Path, damage: str
+    ) -> None:
+        lowers()
+        name = "watered" if damage == "changed" else "poured"
+        files = sorted((tmp_path / "cache").rglob(f"{name}-*.lowered"))
+        assert len(files) == 2
+        whole = {file: file.read_bytes() for file in files}
+        for file in files:
+            if damage == "callee missing":
+                file.unlink()
+            else:
+                file.write_bytes(whole[file][:-1] + bytes([whole[file][-1] ^ 1]))
+        again, notes = lowers()
+        redone = ["watered"] * 2 if damage == "changed" else ["watered", "poured"] * 2
+        assert sorted(again) == sorted([*redone, *self.ALL[4:]])
+        assert ("has been changed since it was made" in notes) == (damage != "callee missing")
+        if damage == "callee missing":
+            assert [file.exists() for file in files] == [True, True]
+        assert sorted(lowers()[0]) == sorted(self.ALL[4:])
+
+    @pytest.mark.parametrize("package", ["garden", "shed"])
+    def test_other_sources_are_lowered_anew(
+        self, lowers: Callable[..., tuple[list[str], str]], tmp_path: Path, package: str
+    ) -> None:
+        """What a kernel takes from another module of its package, or of another package for `cosim`, is part of it."""
+        (tmp_path / "shed").mkdir()
+        for name, text in (("__init__", ""), ("tap", "from cosim.kernel import kernel\nFLOW = 2.0\n")):
+            (tmp_path / "shed" / f"{name}.py").write_text(text)
+        can = tmp_path / "garden/can.py"
+        can.write_text("from shed.tap import FLOW as FILL\n")
+        lowers()
+        other = can if package == "garden" else tmp_path / "shed/tap.py"
+        other.write_text(other.read_text() + "LEFT = 1.0\n")
+        assert sorted(lowers()[0]) == sorted(self.ALL)
+
+    def test_they_are_made_where_nothing_can_be_written(
+        self, lowers: Callable[..., tuple[list[str], str]], tmp_path: Path
+    ) -> None:
+        (tmp_path / "file").touch()
+        for _ in range(2):
+            assert sorted(lowers("file")[0]) == sorted(self.ALL)
 
 
 def test_code_is_made_where_no_file_can_be_locked(tmp_path: Path) -> None:

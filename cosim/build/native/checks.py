@@ -51,7 +51,9 @@ def checked(kernel: Dispatcher) -> Dispatcher:
     """Returns a checked version of the kernel, not compiled yet; the kernels that it calls are checked as well."""
     if kernel not in _checked:
         options = {**kernel.targetoptions, "boundscheck": True, "error_model": "python"}
-        _checked[kernel] = type(kernel)(kernel.py_func, targetoptions=options, pipeline_class=_Compiler)
+        made: Any = type(kernel)(kernel.py_func, targetoptions=options, pipeline_class=_Compiler)
+        made.kept_in = getattr(kernel, "kept_in", None)
+        _checked[kernel] = made
     return _checked[kernel]
 
 

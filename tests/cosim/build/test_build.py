@@ -569,6 +569,11 @@ def test_bytes_do_not_depend_on_the_process_or_its_cache(tmp_path: Path, forked_
             garden.forked = forked_builder
             garden.build(tmp_path / "out")  # its object code from the cache now
             digests.add(digest(tmp_path / "out" / "Bed.fmu"))
+            shutil.rmtree(tmp_path / "out")
+            shutil.rmtree(tmp_path / f"cache{i}" / "uav-cosim" / "objects")
+            assert list((tmp_path / f"cache{i}").rglob("*.lowered"))
+            garden.build(tmp_path / "out")  # made of the IR in the cache
+            digests.add(digest(tmp_path / "out" / "Bed.fmu"))
     assert len(digests) == 1
 
 
