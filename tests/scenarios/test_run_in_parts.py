@@ -133,6 +133,21 @@ def test_other_radios(fmus: Path, tmp_path: Path, change: Callable[[str], str]) 
     same(whole.folder, tmp_path / "parts")
 
 
+def test_a_trace_with_losses(fmus: Path, tmp_path: Path) -> None:
+    """A row of losses has no delay, so it does not limit the window."""
+    trace = tmp_path / "trace.csv"
+    rows = ("0,drone1,drone2,1,0.021", "1,drone1,drone2,0,", "0,drone2,drone1,0.5,0.0175", "0,drone3,drone4,0,")
+    trace.write_text("\n".join(["time,from,to,delivered,delay", *rows]) + "\n")
+    options = {"until": 3.0, "overrides": {"network.trace": str(trace)}}
+    whole = fly(SYSTEMS / "line5", tmp_path / "whole", **options)
+    assert whole.result.packets["lost: trace"] > 20
+    file = assigned(tmp_path / "parts.json", DRONES, [0, 1, 0, 1, 1])
+    chosen = RunOptions(out=tmp_path / "parts", assignment=file, **options)  # type: ignore[arg-type]
+    result, errors = run_in_parts(SYSTEMS / "line5", chosen, 2)
+    assert (result.outcome, errors) == ("done", [])
+    same(whole.folder, tmp_path / "parts")
+
+
 @pytest.mark.slow
 def test_a_grid_of_a_hundred(fmus: Path, tmp_path: Path) -> None:
     system = new_system("flocking", 100, tmp_path / "grid", fmus=fmus, spacing=8.0, until=2.0)

@@ -297,8 +297,9 @@ def _latencies(network: Network) -> Iterator[tuple[float, str]]:
         for channel in named:
             yield float(channel.latency or 0.0), f"the radio link from {channel.source} to {channel.target}"
     if network.trace is not None:
-        for _, a, b, _, delay in network.trace.rows:
-            yield delay, f"the radio link from {a} to {b} in {network.trace.file}"
+        for _, a, b, delivered, delay in network.trace.rows:
+            if delivered > 0.0:  # a row of losses needs no delay
+                yield delay, f"the radio link from {a} to {b} in {network.trace.file}"
 
 
 # ---- the choice ------------------------------------------------------------------------------------------------------
