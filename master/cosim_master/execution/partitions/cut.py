@@ -180,6 +180,8 @@ def read_assignment(file: Path, parts: int) -> Assignment:
     where = Where(str(file))
     try:
         found = json.loads(file.read_text(encoding="utf-8"))["parts"]
+        if texts := [one["units"] for one in found if not isinstance(one["units"], list)]:
+            raise ValueError(f"units is {json.dumps(texts[0])}, not a list of names")
         patterns = tuple(tuple(str(pattern) for pattern in one["units"]) for one in found)
         hosts = tuple(str(one.get("host", "")) for one in found)
         if unknown := sorted({key for one in found for key in one} - {"units", "host"}):
