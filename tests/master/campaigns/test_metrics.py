@@ -135,7 +135,9 @@ def test_a_python_function_measures(tmp_path: Path) -> None:
                     "swing.signals = 'one.*'\n\n\ndef broken(run):\n    return run['none.y'][0]\n")  # fmt: skip
     metric = Metric.parsed(f"{file}:swing")
     assert metric.name == "swing"
-    assert metric.signals({}, {}) == ["one.*"]
+    assert metric.signals({}, {"one.x": ""}) == ["one.*"]
+    with pytest.raises(SystemDescriptionError, match=r'^--metric swing: there is no signal "one\.\*"; valid: "two\.x"'):
+        metric.signals({}, {"two.x": ""})
     assert Metric.of_json(metric.as_json()).value(run()) == pytest.approx(4.0)
     with pytest.raises(MetricError, match=r"metric broken: KeyError: 'none\.y'"):
         value(f"{file}:broken")

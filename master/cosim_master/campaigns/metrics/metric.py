@@ -23,7 +23,7 @@ from cosim_master.campaigns.metrics import built_in
 from cosim_master.campaigns.metrics.expression import TIME, Expression, ExpressionError, parse, unknown
 from cosim_master.campaigns.metrics.measured import Measured
 from cosim_master.campaigns.refusal import refusal
-from cosim_master.diagnostics.names import near
+from cosim_master.diagnostics.names import matching, near, near_pattern
 from cosim_master.results.reading.roles import Player
 
 __all__ = ["Metric", "MetricError", "finite"]
@@ -85,7 +85,11 @@ class Metric:
         """
         if self.source:
             told = getattr(self._function(), "signals", ("*",))
-            return [told] if isinstance(told, str) else [*map(str, told)]
+            patterns = [told] if isinstance(told, str) else [*map(str, told)]
+            for pattern in patterns:
+                if not matching(pattern, units):
+                    raise self._refused(f'there is no signal "{pattern}"; {near_pattern(pattern, units)}')
+            return patterns
         expression = self._expression()
         if text := unknown(expression, [*units], built_in.BUILT_IN):
             raise self._refused(text)
