@@ -93,6 +93,16 @@ def test_a_run_far_from_the_other_seeds_of_its_point_is_an_outlier(tmp_path: Pat
     assert score == pytest.approx(0.6745 * (51.7 - 1.6) / 0.3)
 
 
+def test_differences_of_rounding_are_neither_effects_nor_outliers(tmp_path: Path) -> None:
+    factors = (Factor("f.a", low=0, high=1), Factor("f.b", low=0, high=1))
+    study = Study(system="line5", factors=factors, design=Design("indices", 8), metrics=Y)
+    campaign = read_campaign(made(tmp_path, study, lambda x, _: 30.0 + 1e-14 * x["f.a"] + 1e-13 * (x["f.b"] > 0.9)))
+    assert len({*campaign.columns["y"]}) > 1
+    assert indices(campaign, "y") is None
+    assert np.isnan(influence(campaign, "y").rows).all()
+    assert outliers(campaign, "y") == []
+
+
 def test_figures_show_means(tmp_path: Path) -> None:
     study = Study(system="line5", factors=(Factor.parsed("f.a=0,1,2"), Factor.parsed("f.b=0,3")), seeds=(1, 2),
                   metrics=Y)  # fmt: skip

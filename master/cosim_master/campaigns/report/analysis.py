@@ -21,6 +21,8 @@ _FEW = 5
 """Runs that are shown as outliers of a metric."""
 _FAR = 3.5
 """Modified z-score from which a run is an outlier (Iglewicz and Hoaglin, 1993)."""
+_ROUNDING = 1e-12
+"""Share of their magnitude below which the differences of numbers are those of rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +110,16 @@ def influence(campaign: Finished, metric: str) -> Sensitivity:
     rows = []
     for one in campaign.study.factors:
         values = [campaign.columns[one.label][first[int(point)]] for point in points]
-        varied = len(set(values)) > 1 and len({*means}) > 1
+        varied = len(set(values)) > 1 and _differ(means)
         rank = float(spearmanr(values, means).statistic) if varied and one.numeric else np.nan
         rows.append((rank, _main_effect(values, means) if varied and not one.continuous else np.nan))
     note = f"{len(points)} points with a value; means over seeds."
     return Sensitivity(("rank correlation", "share of the variance"), rows, note)
+
+
+def _differ(values: Array) -> bool:
+    """Returns whether numbers differ by more than rounding."""
+    return bool(len(values) and np.ptp(values) > _ROUNDING * np.abs(values).max())
 
 
 def _main_effect(values: Sequence[Any], means: Array) -> float:
@@ -144,7 +151,7 @@ def indices(campaign: Finished, metric: str) -> Sensitivity | None:
 
     study = campaign.study
     whole, _, of = _blocks(campaign, metric, len(study.factors) + 2)
-    if len(whole) < 2 * of or np.ptp(whole) == 0.0:
+    if len(whole) < 2 * of or not _differ(whole):
         return None
     found = sobol.analyze(problem(study.factors), whole, calc_second_order=False, seed=1)
     rows = [*zip(*(map(float, found[name]) for name in ("S1", "S1_conf", "ST", "ST_conf")), strict=True)]
@@ -184,7 +191,7 @@ def outliers(campaign: Finished, metric: str) -> list[tuple[int, float]]:
             continue
         away = values[rows] - np.median(values[rows])
         spread = float(np.median(np.abs(away)))
-        if spread > 0.0:
+        if spread > _ROUNDING * np.abs(values[rows]).max():
             scores = 0.6745 * away / spread
             found += [(int(row), float(score)) for row, score in zip(rows, scores, strict=True) if abs(score) > _FAR]
     return sorted(found, key=lambda one: -abs(one[1]))[:_FEW]
