@@ -98,6 +98,15 @@ def test_a_run_of_a_campaign_is_the_run_of_the_command(fmus: Path, tmp_path: Pat
     assert all(kept[name].equals(recorded[name]) for name in kept.column_names)
 
 
+def test_the_recorded_instants_are_there_without_any_signal(fmus: Path, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("def end(run):\n    return run.time[-1]\n\n\nend.signals = []\n")
+    study = Study(system="line5", metrics=metrics("integral(time)", f"{file}:end"), until=2.0)
+    (run,) = study.runs()
+    row = perform(study, look_at(study, run), run).row
+    assert (row["reason"], row["integral(time)"], row["end"]) == ("", pytest.approx(2.0), 2.0)
+
+
 def _file(path: Path, content: bytes) -> Path:
     path.write_bytes(content)
     return path
@@ -192,6 +201,7 @@ def test_a_worker_with_other_files_is_refused(fmus: Path) -> None:
         (Study(system="line5", metrics=metrics("max(drone9.vehicle.position[2])")), "there is no signal"),
         (Study(system="line5", factors=(Factor.parsed("drone1.vehicle.wind[1]@90=1,2"),)), "from 0 to 84.9975 s"),
         (Study(system="line5", factors=(Factor.parsed("network.loss@90=0,1"),)), "not between 0 and 85 s"),
+        (Study(system="line5", factors=(Factor.parsed("network.loss@1.001=0,1"),)), "not a multiple of the base step"),
         (Study(system="lin5"), "lin5"),
         (
             Study(system="line5", keep=("drone*.vehicle.positio[1]",)),

@@ -101,6 +101,11 @@ class Metric:
             found += needed
         return found
 
+    @property
+    def timed(self) -> bool:
+        """True if it may need the recorded instants even if it needs no signal."""
+        return bool(self.source) or TIME in self._expression().signals
+
     def value(self, run: Measured) -> float:
         """Returns its value for a run; NaN if it is not defined for it.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import platform
 from collections.abc import Mapping, Sequence
@@ -36,7 +37,7 @@ class Place:
         identity: that of the system, see `agree`.
         seed: the seed of the system.
         record: patterns of the signals to be recorded: those that metrics need, and those that are kept.
-        measured: whether any signal is needed at all.
+        measured: whether any signal is needed at all, or the recorded instants.
     """
 
     inputs: Mapping[str, str]
@@ -74,7 +75,7 @@ def look_at(study: Study, run: Planned) -> Place:
             _identity(checked),
             ready.network.seed,
             record or ((first,) if first else ()),
-            bool(record),
+            bool(record) or any(one.timed for one in study.metrics),
         )
 
 
@@ -121,6 +122,11 @@ def _refuse_times(study: Study, ready: Prepared) -> None:
     for one in study.factors:
         if one.time is not None and not begin < one.time < end:
             raise refusal(f"factor {one.label}", f"its time is not between {begin:g} and {end:g} s; give another")
+        if one.time is not None and is_setting(one.name):  # which changes at a checkpoint
+            steps = one.time / clock.seconds(1)
+            if not math.isclose(steps, round(steps), rel_tol=1e-9):
+                text = f"its time is not a multiple of the base step {clock.seconds(1):.9g} s; give another"
+                raise refusal(f"factor {one.label}", text)
 
 
 def _needed(study: Study, checked: CheckedSystem) -> Sequence[str]:
