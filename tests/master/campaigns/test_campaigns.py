@@ -35,6 +35,7 @@ from cosim_master.execution.simulate import simulate
 from cosim_master.results.reading.flight import read_flight
 from cosim_master.results.reading.read import signals
 from tests.master.processes import children
+from tests.scenarios.flights import copy_of
 
 COMMAND = Path(sys.executable).with_name("uav-cosim")
 LIMIT = 600.0
@@ -136,6 +137,20 @@ def test_runs_with_a_common_beginning_are_the_same_as_from_their_start(fmus: Pat
         assert branch.signals == whole.signals
         digests.add(branch.signals)
     assert len(digests) == 4
+
+
+def test_a_common_beginning_of_a_run_that_starts_later_than_0(fmus: Path, tmp_path: Path) -> None:
+    system = copy_of("line5", tmp_path, fmus, lambda text: text.replace('startTime="0"', 'startTime="1"'))
+    study = Study(system=str(system), factors=(Factor.parsed("drone3.vehicle.wind[2]@2=0,5"),), until=3.0,
+                  metrics=metrics("last(drone3.vehicle.velocity[2])", "min(time)"))  # fmt: skip
+    runs = study.runs()
+    place = look_at(study, runs[0])
+    prefix = make_prefix(study, place, runs[0])
+    assert not isinstance(prefix, str)
+    for run in runs:
+        row = perform(study, place, run, prefix).row
+        assert row == perform(study, place, run).row
+        assert (row["outcome"], row["simulated_s"], row["min(time)"]) == ("done", 2.0, 1.0)
 
 
 def test_a_setting_of_the_radio_changes_at_a_checkpoint_as_its_commands_do(fmus: Path, tmp_path: Path) -> None:

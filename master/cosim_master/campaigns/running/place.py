@@ -36,6 +36,7 @@ class Place:
         inputs: digests of everything that its runs have in common, by name.
         identity: that of the system, see `agree`.
         seed: the seed of the system.
+        begin: the time at which its runs begin, s.
         record: patterns of the signals to be recorded: those that metrics need, and those that are kept.
         measured: whether any signal is needed at all, or the recorded instants.
     """
@@ -43,6 +44,7 @@ class Place:
     inputs: Mapping[str, str]
     identity: str
     seed: int
+    begin: float
     record: tuple[str, ...]
     measured: bool
 
@@ -74,6 +76,7 @@ def look_at(study: Study, run: Planned) -> Place:
             {name: digest for name, digest in found.items() if name not in ("seed", "changes")},
             _identity(checked),
             ready.network.seed,
+            ready.clock.time(0),
             record or ((first,) if first else ()),
             bool(record) or any(one.timed for one in study.metrics),
         )
@@ -123,7 +126,7 @@ def _refuse_times(study: Study, ready: Prepared) -> None:
         if one.time is not None and not begin < one.time < end:
             raise refusal(f"factor {one.label}", f"its time is not between {begin:g} and {end:g} s; give another")
         if one.time is not None and is_setting(one.name):  # which changes at a checkpoint
-            steps = one.time / clock.seconds(1)
+            steps = (one.time - begin) / clock.seconds(1)
             if not math.isclose(steps, round(steps), rel_tol=1e-9):
                 text = f"its time is not a multiple of the base step {clock.seconds(1):.9g} s; give another"
                 raise refusal(f"factor {one.label}", text)

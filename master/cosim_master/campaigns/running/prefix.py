@@ -103,7 +103,8 @@ def make_prefix(study: Study, place: Place, run: Planned) -> Prefix | str:
 
     with tempfile.TemporaryDirectory(prefix="uav-cosim-prefix-") as folder:
         checkpoint = Path(folder) / "checkpoints" / f"{time:.9g}"
-        options = replace(options_of(study, place, run, before=time), out=Path(folder), checkpoint_every=time)
+        every = time - place.begin
+        options = replace(options_of(study, place, run, before=time), out=Path(folder), checkpoint_every=every)
         observers: list[MakeObserver] = [lambda _: _Ends(checkpoint), *([collector] if place.measured else [])]
         try:
             result = simulate(
