@@ -15,6 +15,7 @@ from cosim_master.results.reading.comparison import compare
 from cosim_master.results.reading.flight import Flight, read_flight
 from cosim_master.results.reading.links import Links, read_links
 from cosim_master.results.reading.read import has_packets
+from cosim_master.results.reading.recorded_signals import open_signals
 from cosim_master.results.reading.roles import read_manifest
 
 __all__ = [
@@ -78,9 +79,10 @@ def read_run(folder: Path) -> Run:
     """Reads a run.
 
     Raises:
-        CosimError: the folder has no manifest of a run, or its packets are incomplete.
+        CosimError: the folder has no manifest of a run, or its signals or packets are incomplete.
     """
     manifest = read_manifest(folder)
+    open_signals(folder).close()
     try:
         flight = read_flight(folder)
     except CosimError:

@@ -231,3 +231,9 @@ def test_folders_without_a_run_or_a_file_that_cannot_be_written(tmp_path: Path) 
     run = tank(tmp_path / "a")
     with pytest.raises(CosimError, match="the report cannot be written"):
         write_report([run], run / "manifest.json" / "x.html")
+    (run / "signals.parquet").write_bytes(b"")
+    with pytest.raises(CosimError, match=r"signals\.parquet: not a complete Parquet file"):
+        write_report([run])
+    (run / "signals.parquet").unlink()
+    with pytest.raises(CosimError, match=r"not the folder of a run: it has no signals\.parquet"):
+        write_report([run])
