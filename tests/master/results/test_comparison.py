@@ -208,6 +208,11 @@ def test_what_cannot_be_compared(record: Any, tmp_path: Path) -> None:
     assert "not a CSV file of signals" in refusal(one, tmp_path / "broken.csv")
     (tmp_path / "none.csv").write_text("time,b\n")
     assert "holds no recorded instant" in refusal(one, tmp_path / "none.csv")
+    (tmp_path / "twice.csv").write_text("time,b,b\n0,1,2\n")
+    assert 'has more than one column "b"' in refusal(one, tmp_path / "twice.csv")
+    for text in ("noon", "nan", "", "inf"):
+        (tmp_path / "times.csv").write_text(f"time,b\n0,1\n{text},2\n")
+        assert 'its column "time" has values that are not finite numbers' in refusal(tmp_path / "times.csv", one)
     text = refusal(one, one, signals=["a.xx*", "a.x"])
     assert text == '--signals: a.xx* matches no signal of either run; did you mean "a.x"?'
     for text in ("{", '{"packets": true}', '{"packets": [1]}', '{"instances": 3}'):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,10 +129,13 @@ class _Recording:
             raise SystemDescriptionError([Problem(Where(str(path)), str(error).removeprefix(f"{path}: "))]) from None
         if "time" not in schema.names:
             raise _refusal(path, 'has no column "time", as results of FMPy and of this program begin with')
+        if twice := [name for name, times in Counter(schema.names).items() if times > 1]:
+            raise _refusal(path, f'has more than one column "{twice[0]}"')
         self.fields = {field.name: field for field in schema if field.name != "time"}
-        self.time = self.read(["time"])["time"].astype(np.float64)
-        if not len(self.time):
+        times = self.read(["time"])["time"]
+        if not len(times):
             raise _refusal(path, "holds no recorded instant")
+        self.time = _as_times(path, times)
 
     def _read_csv(self, texts: Iterable[str] = ()) -> Any:
         options = pa_csv.ConvertOptions(column_types=dict.fromkeys(texts, pa.string()))
@@ -177,6 +181,16 @@ class _Recording:
         except (OSError, ValueError, TypeError, AttributeError) as error:
             raise _refusal(self.path, f"not the folder of a complete run: {error}") from None
         return found
+
+
+def _as_times(path: Path, values: _Values) -> _Values:
+    try:
+        times: _Values = values.astype(np.float64)
+    except (ValueError, TypeError):
+        times = np.array([np.nan])
+    if not np.isfinite(times).all():
+        raise _refusal(path, 'its column "time" has values that are not finite numbers')
+    return times
 
 
 def _refusal(path: Path, message: str) -> SystemDescriptionError:
