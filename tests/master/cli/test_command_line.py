@@ -242,3 +242,6 @@ def test_csv_on_standard_output(system: Path, monkeypatch: pytest.MonkeyPatch, t
     assert not (tmp_path / "-").exists()
     both = CliRunner().invoke(app, ["export", "out/s", "-o", "-", "--json"])
     assert both.exit_code == 2 and "both want standard output" in both.stderr
+    track = CliRunner().invoke(app, ["export", "out/s", "--gpx", "-"])
+    assert track.exit_code == 2 and "--gpx -: only CSV can be written to standard output" in track.stderr
+    assert not (tmp_path / "-").exists()

@@ -293,6 +293,8 @@ def export(
             wanted.append((format_of(file), file))
         if not wanted:
             raise usage(f"export: no file to write; give -o FILE, or one of {', '.join(f.option for f in FORMATS)}")
+        if others := [one.option for one, path in wanted if str(path) == "-" and one.name != "csv"]:
+            raise usage(f"{others[0]} -: only CSV can be written to standard output; give a file")
         if as_json and any(str(path) == "-" for _, path in wanted):
             raise usage("export: --json and -o - both want standard output; leave out one")
         options = Options(numbers, origin_of_text(origin) if origin else None)
