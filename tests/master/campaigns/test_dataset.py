@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -123,3 +125,28 @@ def test_a_damaged_part_is_named(tmp_path: Path) -> None:
     part.write_bytes(part.read_bytes()[:-20])
     with pytest.raises(CosimError, match=r"part-000001.parquet: this part of the dataset is damaged .*remove it"):
         read_runs(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["write_text", "write_bytes"])
+def test_a_full_disk_at_the_start_of_a_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    def full(*_: object, **__: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, name, full)
+    with pytest.raises(CosimError, match="the campaign cannot be written: No space left on device"):
+        Folder(tmp_path, STUDY, INPUTS)
+
+
+def test_a_full_disk_at_the_end_of_a_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rows stay in the journal."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(pq, "write_table", full)
+    with (
+        pytest.raises(CosimError, match="the campaign cannot be written: No space left on device"),
+        Folder(tmp_path, STUDY, INPUTS) as folder,
+    ):
+        folder.add(row(0))
+    assert read_runs(tmp_path).num_rows == 1

@@ -18,7 +18,8 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -111,6 +112,7 @@ class Folder:
 
     Raises:
         SystemDescriptionError: the folder holds something else, or a campaign that goes on.
+        CosimError: it cannot be written.
     """
 
     def __init__(self, path: Path, study: Study, inputs: Mapping[str, str], *, force: bool = False) -> None:
@@ -129,7 +131,8 @@ class Folder:
             self._parts = max((int(one.stem[5:]) for one in (path / "runs").glob("part-*.parquet")), default=0)
             journal = path / "journal.jsonl"
             self._rows: list[Mapping[str, Any]] = _journalled(journal)
-            self._journal = self._rewritten(journal)
+            with self._writing():
+                self._journal = self._rewritten(journal)
         except BaseException:
             self._lock.close()
             raise
@@ -161,10 +164,11 @@ class Folder:
                 raise refusal(str(self.path), f"{text}; give another folder, or --force to remove it")
             return
         shutil.rmtree(self.path / "runs")
-        (self.path / "runs").mkdir()
         shutil.rmtree(self.path / "signals", ignore_errors=True)
         for name in ("journal.jsonl", "summary.json", "search.log"):
             (self.path / name).unlink(missing_ok=True)
+        with self._writing():
+            (self.path / "runs").mkdir()
         self.write_json("study.json", {"study": study.as_json(), "inputs": inputs})
 
     def _rewritten(self, file: Path) -> IO[bytes]:
@@ -186,7 +190,7 @@ class Folder:
         number = int(row["run"])
         if number in self.done:
             return
-        try:
+        with self._writing():
             if signals:
                 folder = self.path / "signals" / f"run={number}"
                 folder.mkdir(parents=True, exist_ok=True)
@@ -201,22 +205,32 @@ class Folder:
                 self._sought[number] = row.get(self.study.search.metric)
             if len(self._rows) >= _ROWS or time.monotonic() - self._since >= _SECONDS:
                 self.write_part()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
         except OSError as error:
             raise CosimError(f"{self.path}: the campaign cannot be written: {error.strerror or error}") from None
 
     def write_part(self) -> None:
-        """Makes the rows of the journal a part of the dataset."""
+        """Makes the rows of the journal a part of the dataset.
+
+        Raises:
+            CosimError: it cannot be written.
+        """
         self._since = time.monotonic()
         if not self._rows:
             return
         self._parts += 1
         file = self.path / "runs" / f"part-{self._parts:06}.parquet"
         part = file.with_name(f".{file.name}")  # which readers of the folder leave out
-        pq.write_table(sorted_table(self._rows, self.schema), part)
-        with part.open("rb") as written:
-            os.fsync(written.fileno())
-        part.replace(file)
-        self._journal.truncate(0)
+        with self._writing():
+            pq.write_table(sorted_table(self._rows, self.schema), part)
+            with part.open("rb") as written:
+                os.fsync(written.fileno())
+            part.replace(file)
+            self._journal.truncate(0)
         self._rows = []
 
     def sought(self, run: int) -> float | None:
@@ -229,10 +243,15 @@ class Folder:
         return _read(self.path, self.schema)
 
     def write_json(self, name: str, document: Any) -> None:
-        """Writes a document of the campaign."""
+        """Writes a document of the campaign.
+
+        Raises:
+            CosimError: it cannot be written.
+        """
         part = self.path / f"{name}.part"
-        part.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-        part.replace(self.path / name)
+        with self._writing():
+            part.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+            part.replace(self.path / name)
 
     def __enter__(self) -> Self:
         return self
