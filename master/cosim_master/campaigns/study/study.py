@@ -89,6 +89,9 @@ class Study:
     solver: str | None = None
 
     def __post_init__(self) -> None:
+        varied = [one.label for one in self.factors]
+        if twice := [name for n, name in enumerate(varied) if name in varied[:n]]:
+            raise refusal(f'--vary "{twice[0]}"', "it is varied twice; give all its values in one --vary")
         labels = [*FIXED, *(one.label for one in self.factors), *(one.name for one in self.metrics)]
         if twice := [name for n, name in enumerate(labels) if name in labels[:n]]:
             text = "the dataset has a column of this name already; give another name (--metric NAME=...)"
