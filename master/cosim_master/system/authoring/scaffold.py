@@ -30,6 +30,8 @@ def new_model(kind: str, file: Path) -> str:
         raise _refusal(kind, f"is not a kind of file; valid: {', '.join(templates)}")
     if file.suffix != ".py" or not file.stem.isidentifier() or keyword.iskeyword(file.stem):
         raise _refusal(str(file), "is not the name of a Python module: give one such as my_law.py")
+    if not file.stem.isascii():
+        raise _refusal(str(file), "names of models become C identifiers and must be ASCII: give one such as my_law.py")
     if file.exists():
         raise _refusal(str(file), "exists already")
     name = "".join(word[:1].upper() + word[1:] for word in file.stem.split("_"))
@@ -38,6 +40,8 @@ def new_model(kind: str, file: Path) -> str:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
     except OSError as error:
+        if file.is_file():
+            file.unlink()  # what was written of it
         raise _refusal(str(file), f"cannot be written: {error.strerror or error}") from None
     return name if f"class {name}" in text else file.stem
 

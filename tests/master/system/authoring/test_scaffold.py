@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import itertools
 import math
 import os
@@ -114,6 +115,20 @@ def test_requests_that_are_refused(tmp_path: Path) -> None:
     assert refused("law", tmp_path / "a.py") == "law: is not a kind of file; valid: agent, channel, model"
     for name in ("law.txt", "my-law.py", "class.py"):
         assert "is not the name of a Python module: give one such as my_law.py" in refused("agent", tmp_path / name)
+    assert "become C identifiers and must be ASCII" in refused("agent", tmp_path / "höhe.py")
     (tmp_path / "there.py").touch()
     assert refused("agent", tmp_path / "there.py") == f"{tmp_path / 'there.py'}: exists already"
     assert "cannot be written: " in refused("agent", tmp_path / "there.py" / "law.py")
+
+
+def test_a_full_disk_leaves_no_part_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next attempt would say that it exists already."""
+
+    def full(file: Path, *_: object, **__: object) -> int:
+        file.touch()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(SystemDescriptionError, match=r"law\.py: cannot be written: No space left on device"):
+        new_model("agent", tmp_path / "law.py")
+    assert not (tmp_path / "law.py").exists()
