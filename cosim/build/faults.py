@@ -13,11 +13,11 @@ import inspect
 import math
 import os
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 from cosim.model import Model, record_layout
 
@@ -57,15 +57,26 @@ _BUILTINS_OF_KERNELS = (
 _NO_FLOATS = (math.ceil, math.floor, math.trunc, math.isnan, math.isinf, math.isfinite, math.gcd, math.factorial)
 
 
+_NO_RESULTS = {"int": ("None", "a float", "a tuple"), "float": ("None", "a tuple"), "bool": ("None", "a tuple")}
+"""Type that a kernel is to return -> what it must not return instead."""
+
+
 def place(file: str, line: int) -> str:
     """Returns ``file:line``, relative to the working folder if the file is below it."""
     relative = os.path.relpath(file)
     return f"{Path(file).absolute() if relative.startswith('..') else relative}:{line}"
 
 
-def faults_of(model: type[Model]) -> list[str]:
-    """Returns each fault of the model's kernels as ``file:line: what; how to fix it``, in source order."""
-    return _told(one for reader in _readers(model) for one in reader.faults)
+def faults_of(model: type[Model], returned: Callable[[Any], Iterable[str]] = lambda _: ()) -> list[str]:
+    """Returns each fault of the model's kernels as ``file:line: what; how to fix it``, in source order.
+
+    `returned`: gives what a kernel has been found to return, in words ("a float"); empty if that is unknown.
+    """
+    readers = list(_readers(model))
+    for reader in readers:
+        for kind in returned(reader.kernel):
+            reader.compare_returned(kind)
+    return _told(one for reader in readers for one in reader.faults)
 
 
 def cut_off(model: type[Model]) -> list[str]:
@@ -86,20 +97,30 @@ def _told(found: Iterable[tuple[str, int, str]]) -> list[str]:
 def _readers(model: type[Model]) -> Iterator[_Reader]:
     """Yields a reader of each kernel of the model, and of each that these call."""
     assert model.kernels is not None
-    known: set[tuple[Any, tuple[str, ...]]] = set()
+    known: set[_Call] = set()
     record = _Record(model)
     for kernel, number in zip(model.kernels, (1, 3), strict=True):
-        waiting = [(kernel, (record.argument, *[""] * (number - 1)), True)]
+        waiting = [(_Call(kernel, (record.argument, *[""] * (number - 1)), ""), True)]
         while waiting:
-            function, arguments, entry = waiting.pop()
-            if (function, arguments) in known:
+            call, entry = waiting.pop()
+            if call in known:
                 continue
-            known.add((function, arguments))
-            reader = _Reader.of(function, arguments, record, entry)
+            known.add(call)
+            reader = _Reader.of(call, record, entry)
             if reader is None:
                 continue
             yield reader
-            waiting += [(callee, given, False) for callee, given in reader.calls]
+            waiting += [(one, False) for one in reader.calls]
+
+
+class _Call(NamedTuple):
+    """A call of a kernel."""
+
+    kernel: Any
+    arguments: tuple[str, ...]
+    """`_Record.argument` for the record, empty for any other"""
+    needs: str
+    """what the caller says that it is given: a type such as int; empty if it says nothing"""
 
 
 class _Record:
@@ -119,12 +140,16 @@ class _Record:
 class _Reader(ast.NodeVisitor):
     """Reads one function, some of whose arguments are the record."""
 
-    def __init__(self, function: Any, tree: ast.FunctionDef, records: set[str], record: _Record, entry: bool) -> None:
+    def __init__(self, call: _Call, tree: ast.FunctionDef, records: set[str], record: _Record, entry: bool) -> None:
+        self.kernel = call.kernel
+        function = getattr(call.kernel, "py_func", call.kernel)
         self.file = function.__code__.co_filename
-        self.function, self.records, self.record, self.entry = function, records, record, entry
+        self.records, self.record, self.entry = records, record, entry
+        self.tree, self.returns = tree, _type_name(tree.returns) or call.needs
         self.faults: list[tuple[str, int, str]] = []
         self.cut_off: list[tuple[str, int, str]] = []
-        self.calls: list[tuple[Any, tuple[str, ...]]] = []
+        self.calls: list[_Call] = []
+        self._needs: dict[ast.expr, str] = {}  # expression -> type that it is said to have
         code = function.__code__
         self.local = {*code.co_varnames, *code.co_cellvars}
         cells = function.__closure__ or ()
@@ -134,8 +159,9 @@ class _Reader(ast.NodeVisitor):
         self._body(tree)
 
     @classmethod
-    def of(cls, kernel: Any, arguments: Sequence[str], record: _Record, entry: bool) -> _Reader | None:
+    def of(cls, call: _Call, record: _Record, entry: bool) -> _Reader | None:
         """Returns the reader of a kernel, or None if its source is not available."""
+        kernel = call.kernel
         function = getattr(kernel, "py_func", kernel)
         try:
             lines, first = inspect.getsourcelines(function)
@@ -146,8 +172,8 @@ class _Reader(ast.NodeVisitor):
         if not tree.body or not isinstance(tree.body[0], ast.FunctionDef):
             return None
         names = [argument.arg for argument in tree.body[0].args.args]
-        records = {name for name, given in zip(names, arguments, strict=False) if given == record.argument}
-        reader = cls(function, tree.body[0], records, record, entry)
+        records = {name for name, given in zip(names, call.arguments, strict=False) if given == record.argument}
+        reader = cls(call, tree.body[0], records, record, entry)
         if function is kernel and not hasattr(kernel, "py_func") and entry:
             reader.faults.insert(0, (reader.file, tree.body[0].lineno, _not_a_kernel(kernel.__name__)))
         return reader
@@ -166,6 +192,20 @@ class _Reader(ast.NodeVisitor):
                 self._fault(one, f"{key}: write return 0")
             elif isinstance(one.value, ast.Constant) and type(one.value.value) is not int:
                 self._fault(one, f"{key}, not {ast.unparse(one.value)}")
+
+    def compare_returned(self, kind: str) -> None:
+        """Notes a fault if the kernel returns `kind`, and is to return another type of number."""
+        if kind not in _NO_RESULTS.get(self.returns, ()) or self.entry:
+            return
+        text = f"it is to return {'an int' if self.returns == 'int' else f'a {self.returns}'}"
+        returns = [node for node in ast.walk(self.tree) if isinstance(node, ast.Return)]
+        if kind == "None":
+            last = returns[0] if returns else self.tree.body[-1]
+            self._fault(last, f"{self.tree.name} returns nothing; {text}: end it with return and its value")
+            return
+        of_this = [one for one in returns if one.value is not None and self._is_float(one.value)] or returns
+        for one in of_this if kind == "a float" else returns:
+            self._fault(one, f"{self.tree.name} returns {kind}; {text}")
 
     def _fault(self, node: ast.AST, text: str) -> None:
         self.faults.append((self.file, getattr(node, "lineno", 0), text))
@@ -272,6 +312,12 @@ class _Reader(ast.NodeVisitor):
         self.visit(node.target)
         if node.value is not None:
             self._assigned(node.target, node.value)
+            self._needs[node.value] = _type_name(node.annotation)
+            self.visit(node.value)
+
+    def visit_Return(self, node: ast.Return) -> None:
+        if node.value is not None:
+            self._needs[node.value] = self.returns
             self.visit(node.value)
 
     def _assigned(self, target: ast.expr, value: ast.expr) -> None:
@@ -341,7 +387,11 @@ class _Reader(ast.NodeVisitor):
             self.record.argument if isinstance(a, ast.Name) and a.id in self.records else ""
             for a in (bound.arguments.get(parameter) for parameter in parameters.parameters)
         )
-        self.calls.append((called, given))
+        self.calls.append(_Call(called, given, self._needs.get(node, "")))
+
+
+def _type_name(annotation: ast.expr | None) -> str:
+    return annotation.id if isinstance(annotation, ast.Name) else ""
 
 
 def _sides(node: ast.BinOp) -> tuple[ast.expr, ast.expr]:

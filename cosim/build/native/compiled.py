@@ -189,8 +189,19 @@ def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> str:
 def _cannot_compile(model: type[Model], error: Exception | None = None, kernel: Any = None) -> CannotCompile:
     """Returns the error with every fault found in the sources, or numba's message if none was found."""
     recursion = "calls itself" in str(error)  # the sources give no other reason
-    faults = (not recursion and faults_of(model)) or [_reason(error, kernel)]
+    faults = (not recursion and faults_of(model, _returned)) or [_reason(error, kernel)]
     return CannotCompile("\n".join(f"{model.__name__}: {fault}" for fault in faults))
+
+
+def _returned(kernel: Any) -> list[str]:
+    """Returns what a kernel returns, in words, for each tuple of argument types for which it has been lowered."""
+    from cosim.build.native.checks import checked
+
+    if not hasattr(kernel, "lower"):
+        return []
+    versions: tuple[Any, ...] = (kernel, checked(kernel))
+    lowered = [one for version in versions for one in version._lowered.values()]
+    return [_in_words(str(one.signature.return_type)) for one in lowered]
 
 
 def _place_of(kernel: Any) -> str:
@@ -259,8 +270,8 @@ def _emit(ir: Callable[[], str], target: Target, model: type[Model]) -> bytes:
     }
     if missing := sorted(name for name in called if re.match("Py|_Py|NRT_|numba_", name)):
         assert model.kernels is not None
-        place = _place_of(model.kernels[1])
-        raise CannotCompile(f"{model.__name__}: {place}: needs {', '.join(missing)}, which only a Python process has")
+        needs = f"{_place_of(model.kernels[1])}: needs {', '.join(missing)}, which only a Python process has"
+        raise CannotCompile("\n".join(f"{model.__name__}: {fault}" for fault in faults_of(model) or [needs]))
     return bytes(machine.emit_object(module))
 
 

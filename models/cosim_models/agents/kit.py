@@ -427,7 +427,7 @@ def decision(law: Law) -> Callable[[Any, float], int]:
     @kernel
     def decide(m: Any, t: float) -> int:
         _propose(m, t)
-        which = law(m, t, m.period)
+        which: int = law(m, t, m.period)
         _limit(m)
         if is_guarded(m):
             return guard(m, t, which, m.position, m.velocity)

@@ -240,6 +240,60 @@ def test_recursion_is_refused(loaded: Any, tmp_path: Path) -> None:
     assert str(failed.value) == f"Gauge: {tmp_path / 'gauge.py'}:{line}: factorial calls itself; write a loop"
 
 
+CALLED = """
+@kernel
+def law(m, t):
+{body}
+
+
+def around(law):
+    @kernel
+    def decide(m, t):
+        which{annotation} = law(m, t)
+        return which
+
+    return decide
+
+
+decide = around(law)
+"""
+TO_RETURN = "it is to return an int"
+
+
+@pytest.mark.parametrize(
+    ("body", "at", "message"),
+    [
+        ("m.y = t", "m.y = t", f"law returns nothing; {TO_RETURN}: end it with return and its value"),
+        ("while True:\n    m.y = t", "while", f"law returns nothing; {TO_RETURN}: end it with return and its value"),
+        ("m.y = t\nreturn", "return", f"law returns nothing; {TO_RETURN}: end it with return and its value"),
+        ("if t > 1.0:\n    return 2\nreturn 1.5", "return 1.5", f"law returns a float; {TO_RETURN}"),
+        ("x = t\nreturn x", "return x", f"law returns a float; {TO_RETURN}"),
+        ("return 1, 2", "return 1, 2", f"law returns a tuple; {TO_RETURN}"),
+    ],
+)
+def test_a_kernel_that_returns_another_type_is_blamed_instead_of_its_caller(
+    body: str, at: str, message: str, loaded: Any, tmp_path: Path
+) -> None:
+    """The caller, which may be in a library, says what it needs."""
+    for annotation, head in ((": int", "def law(m, t):"), ("", "def law(m, t) -> int:")):
+        helper = CALLED.format(body=indent(body, "    "), annotation=annotation).replace("def law(m, t):", head)
+        model = loaded(tmp_path, "if decide(m, t) & 2 != 0:\n    return 7\nreturn 0", helper)
+        with pytest.raises(CannotCompile) as failed:
+            build(model, tmp_path / "fmus")
+        lines = (tmp_path / "gauge.py").read_text().splitlines()
+        first = lines.index(head)
+        line = next(i for i, text in enumerate(lines[first:], first + 1) if text.strip().startswith(at))
+        assert str(failed.value) == f"Gauge: {tmp_path / 'gauge.py'}:{line}: {message}"
+
+
+def test_a_call_that_only_a_python_process_can_make_is_told_where_it_is(loaded: Any, tmp_path: Path) -> None:
+    model = loaded(tmp_path, "double(m, t)\nshow(m)\nreturn 0", "@kernel\ndef show(m):\n    print(1.0)\n")
+    with pytest.raises(CannotCompile) as failed:
+        build(model, tmp_path / "fmus")
+    line = next(i for i, text in enumerate((tmp_path / "gauge.py").read_text().splitlines(), 1) if "print(" in text)
+    assert str(failed.value) == f"Gauge: {tmp_path / 'gauge.py'}:{line}: a kernel has no print()"
+
+
 @pytest.mark.parametrize(
     ("body", "at", "message"),
     [

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim import Model, Output, Parameter, kernel
+from cosim.build import CannotCompile, build, load_models
 from cosim.messages import NAMED_VALUE_FLOAT, decode_named_value_float, encode_named_value_float
 from cosim.packets import message_id, pack, system, unpack
 from cosim_models.agents.kit import (
@@ -482,3 +485,43 @@ def test_own_messages_are_sent_by_the_law_and_heard_at_all_times() -> None:
     assert np.diff([one.get_seq() for one in sent]).tolist() == [1, 1, 1]
     (port,) = [one for one in Teller.variables if one.name == "mavlink_tx"]
     assert port.capacity == 356
+
+
+# ---- wrong laws ----------------------------------------------------------------------------------------------------
+
+MODULE = """\
+from cosim import Model, kernel
+from cosim_models.agents.kit import ERRORS, STEP_SIZE, agent_kernels, agent_variables
+
+
+@kernel
+def law(m, t, h):
+    {body}
+
+
+class Lawless(Model):
+    \"\"\"Follows a wrong law.\"\"\"
+
+    step_size = STEP_SIZE
+    variables = agent_variables(neighbours=2)
+    kernels = agent_kernels(law)
+    errors = ERRORS
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("m.step = 1", "law returns nothing; it is to return an int: end it with return and its value"),
+        ("return 1.5", "law returns a float; it is to return an int"),
+        ("print(t)\n    return 2", "a kernel has no print()"),
+    ],
+)
+def test_a_wrong_law_is_blamed_instead_of_the_kit(body: str, message: str, tmp_path: Path) -> None:
+    file = tmp_path / "lawless.py"
+    file.write_text(MODULE.format(body=body))
+    (model,) = load_models(str(file))
+    with pytest.raises(CannotCompile) as failed:
+        build(model, tmp_path / "fmus")
+    del sys.modules["lawless"]
+    assert str(failed.value) == f"Lawless: {file}:7: {message}"
