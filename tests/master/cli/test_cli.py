@@ -180,6 +180,34 @@ def test_a_missing_system(run: Any, command: str) -> None:
     assert "error: nowhere.ssd: " in stderr
 
 
+@pytest.mark.parametrize(
+    "words", [("info", "--signals"), ("plot",), ("view",), ("report",), ("export", "-o", "x.csv"), ("repair",)]
+)
+def test_a_missing_run(run: Any, words: tuple[str, ...]) -> None:
+    code, stdout, stderr = run(words[0], "missing", *words[1:])
+    assert (code, stdout) == (2, "")
+    assert stderr.startswith(("error: missing: not the folder of a run: ", "error: --signals: missing is not the f"))
+    code, stdout, _ = run(words[0], "missing", *words[1:], "--json")
+    assert code == 2
+    assert "missing" in json.loads(stdout)["errors"][0]["message"] + str(json.loads(stdout)["errors"][0]["file"])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("export", "-o", "x.xyz"), "x.xyz: the end of the name must be one of .csv, "),
+        (("export", "-o", "x.csv", "--origin", "1,2"), "origin 1,2: write LATITUDE,LONGITUDE,ALTITUDE in degrees"),
+        (("export", "-o", "x.csv", "--origin", "91,2,3"), "origin 91,2,3: the latitude must be within -90 and 90"),
+        (("plot", "--signal", "c.y"), '--signal c.y: results has no such signal; did you mean "'),
+    ],
+)
+def test_wrong_options_for_a_run_have_exit_code_2(run: Any, system: Path, words: tuple[str, ...], message: str) -> None:
+    assert run("run", str(system), "-o", "results")[0] == 0
+    code, stdout, stderr = run(words[0], "results", *words[1:])
+    assert (code, stdout) == (2, "")
+    assert stderr.startswith(f"error: {message}")
+
+
 @pytest.mark.parametrize("command", ["run", "check"])
 def test_a_description_with_two_problems(run: Any, probes: Any, command: str) -> None:
     probes.fmu()

@@ -300,7 +300,7 @@ def test_the_verb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done = CliRunner().invoke(app, ["view", str(run)])
     assert done.exit_code == 0 and "no browser was found here" in " ".join(done.stderr.split())
     done = CliRunner().invoke(app, ["view", str(tmp_path / "nothing"), "--no-open"])
-    assert done.exit_code == 1 and "nothing: not the folder of a run: " in done.stderr
+    assert done.exit_code == 2 and "nothing: not the folder of a run: " in done.stderr
 
 
 def test_a_page_goes_with_its_run(tmp_path: Path) -> None:

@@ -52,16 +52,16 @@ def read_study(folder: Path) -> tuple[Study, dict[str, Any]]:
     """Returns the study of a campaign, and the digests of its inputs by name.
 
     Raises:
-        CosimError: the folder holds no campaign, or its study is damaged.
+        SystemDescriptionError: the folder holds no campaign, or its study is damaged.
     """
     file = folder / "study.json"
     try:
         told = json.loads(file.read_text(encoding="utf-8"))
         return Study.of_json(told["study"]), dict(told["inputs"])
     except (FileNotFoundError, NotADirectoryError):
-        raise CosimError(f"{folder}: not the folder of a campaign: it has no study.json") from None
+        raise refusal(str(folder), "not the folder of a campaign: it has no study.json") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CosimError(f"{file}: not the study of a campaign: {error!r}") from None
+        raise refusal(str(file), f"not the study of a campaign: {error!r}") from None
 
 
 def read_runs(folder: Path | str) -> pa.Table:
@@ -71,7 +71,8 @@ def read_runs(folder: Path | str) -> pa.Table:
         folder: that of the campaign, whether it is complete, in progress or was killed.
 
     Raises:
-        CosimError: the folder holds no campaign, or a part is damaged.
+        SystemDescriptionError: the folder holds no campaign.
+        CosimError: a part is damaged.
     """
     study, _ = read_study(Path(folder))
     return _read(Path(folder), schema_of(study))

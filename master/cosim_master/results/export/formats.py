@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.results.export.options import Options
 
 __all__ = ["FORMATS", "Exporter", "Format", "export_run", "format_of"]
@@ -34,7 +34,8 @@ class Exporter(Protocol):
             Notes for the user, about what the file does not contain.
 
         Raises:
-            CosimError: the recording lacks data for this format.
+            SystemDescriptionError: the folder holds no run, or the one to write is not empty.
+        CosimError: the recording lacks data for this format.
             OSError: the file cannot be written.
         """
         ...
@@ -84,7 +85,7 @@ def format_of(file: Path) -> Format:
     """Returns the format of a file by the end of its name; "-" is CSV.
 
     Raises:
-        CosimError: no format has such files.
+        SystemDescriptionError: no format has such files.
     """
     if str(file) == "-":
         return FORMATS[0]
@@ -93,20 +94,23 @@ def format_of(file: Path) -> Format:
             return one
     known = ", ".join(one.suffix for one in FORMATS if one.suffix)
     folders = ", ".join(f"{one.option} FOLDER" for one in FORMATS if one.is_folder)
-    raise CosimError(f"{file}: the end of the name must be one of {known}; {folders} write folders")
+    text = f"the end of the name must be one of {known}; {folders} write folders"
+    raise SystemDescriptionError([Problem(Where(str(file)), text)])
 
 
 def export_run(run: Path, one: Format, file: Path, options: Options) -> list[str]:
     """Writes a run in a format; returns notes. A folder must be new or empty.
 
     Raises:
+        SystemDescriptionError: the folder holds no run, or the one to write is not empty.
         CosimError: the recording lacks data for this format, or the file cannot be written.
         ModuleNotFoundError: the library of the format is not installed.
     """
     module = import_module(f"cosim_master.results.export.{one.name}")
     try:
         if one.is_folder and file.is_dir() and any(file.iterdir()):
-            raise CosimError(f"{file}: the folder is not empty; give a new one for {one.option}")
+            text = f"the folder is not empty; give a new one for {one.option}"
+            raise SystemDescriptionError([Problem(Where(str(file)), text)])
         existed = file.exists()
         file.parent.mkdir(parents=True, exist_ok=True)
         try:

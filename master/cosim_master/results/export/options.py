@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 
 __all__ = ["Options", "Origin", "origin_of_text"]
 
@@ -36,16 +36,14 @@ def origin_of_text(text: str) -> Origin:
     """Returns the origin written as "LATITUDE,LONGITUDE,ALTITUDE", in degrees and m.
 
     Raises:
-        CosimError: the text has another form.
+        SystemDescriptionError: the text has another form.
     """
     try:
         latitude, longitude, altitude = map(float, text.split(","))
     except ValueError:
-        raise CosimError(
-            f"origin {text}: write LATITUDE,LONGITUDE,ALTITUDE in degrees and m, as 48.1,11.6,520"
-        ) from None
+        form = "write LATITUDE,LONGITUDE,ALTITUDE in degrees and m, as 48.1,11.6,520"
+        raise SystemDescriptionError([Problem(Where(f"origin {text}"), form)]) from None
     if not (abs(latitude) < 90.0 and abs(longitude) <= 180.0 and abs(altitude) < 1e6):
-        raise CosimError(
-            f"origin {text}: the latitude must be within -90 and 90, the longitude within -180 and 180 degrees"
-        )
+        bounds = "the latitude must be within -90 and 90, the longitude within -180 and 180 degrees"
+        raise SystemDescriptionError([Problem(Where(f"origin {text}"), bounds)])
     return Origin(radians(latitude), radians(longitude), altitude)

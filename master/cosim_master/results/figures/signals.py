@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import matching, near
 from cosim_master.results.figures.style import DASHES, NAMED, WIDTH, colour_bar, colours, draw_lines, draw_quantiles
 from cosim_master.results.reading.flight import Array
@@ -55,7 +55,8 @@ def read_panels(run: Path, patterns: Sequence[str]) -> list[Panel]:
     """Reads the signals that match patterns ("drone*.vehicle.position[3]"), a panel for each pattern.
 
     Raises:
-        CosimError: a pattern matches no signal of numbers, or the run recorded no instant.
+        SystemDescriptionError: a pattern matches no signal of numbers.
+        CosimError: the run recorded no instant.
     """
     with open_signals(run) as signals:
         fields = {one.name: one for one in signals.schema_arrow if one.name != "time"}
@@ -71,8 +72,10 @@ def _panel(run: Path, pattern: str, fields: dict[str, pa.Field], signals: Signal
     names = [name for name in found if not pa.types.is_string(fields[name].type)]
     if not names:
         if found:
-            raise CosimError(f"--signal {pattern}: {found[0]} is text, which has no curve; `uav-cosim view` shows it")
-        raise CosimError(f"--signal {pattern}: {run} has no such signal; {near(pattern, fields)}")
+            text = f"{found[0]} is text, which has no curve; `uav-cosim view` shows it"
+        else:
+            text = f"{run} has no such signal; {near(pattern, fields)}"
+        raise SystemDescriptionError([Problem(Where(f"--signal {pattern}"), text)])
     values = np.empty((len(rows), len(names)))
     for begin in range(0, len(names), 256):
         some = names[begin : begin + 256]

@@ -10,7 +10,7 @@ from typing import Protocol
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.results.storage.journal import journal_of, read_journal
 from cosim_master.results.storage.manifest_file import no_run
 
@@ -54,20 +54,20 @@ def open_signals(run: Path) -> Signals:
     """Opens the signals that a run folder contains so far; the caller closes them.
 
     Raises:
-        CosimError: the folder has no signals, or they cannot be read.
+        SystemDescriptionError: the folder has no signals, or they cannot be read.
     """
     if (journal := journal_of(run, "signals")) is not None:
         return _Unfinished(read_journal(journal))
     file = run / "signals.parquet"
     if not file.is_file():
-        raise CosimError(f"{run}: {no_run(run, file.name)}")
+        raise SystemDescriptionError([Problem(Where(str(run)), no_run(run, file.name))])
     try:
         signals: Signals = pq.ParquetFile(file)
     except (pa.ArrowException, OSError) as error:
-        raise CosimError(
-            f"{file}: not a complete Parquet file; the run that wrote it was cut short ({error})"
-        ) from error
+        text = f"not a complete Parquet file; the run that wrote it was cut short ({error})"
+        raise SystemDescriptionError([Problem(Where(str(file)), text)]) from error
     if "time" not in signals.schema_arrow.names:
         signals.close()
-        raise CosimError(f"{file}: no column `time`; the signals of a run begin with one")
+        text = "no column `time`; the signals of a run begin with one"
+        raise SystemDescriptionError([Problem(Where(str(file)), text)])
     return signals

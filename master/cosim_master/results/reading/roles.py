@@ -17,7 +17,7 @@ from typing import Any
 
 from cosim.vehicle import ATTITUDE, POSITION, STEP, TARGET
 from cosim.verdict import Formation, Logged, Role, Rotors, Verdict
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi.description.declarations import verdicts_of_json
 from cosim_master.results.storage.manifest_file import NAME, no_run
 from cosim_master.system.flatten.flat import natural
@@ -78,25 +78,29 @@ def read_manifest(run: Path) -> dict[str, Any]:
     """Returns the manifest of a run.
 
     Raises:
-        CosimError: the folder has no manifest, or not the manifest of a complete run.
+        SystemDescriptionError: the folder has no manifest, or not the manifest of a complete run.
     """
     file = run / NAME
     try:
         told = json.loads(file.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):
-        raise CosimError(f"{run}: {no_run(run, NAME)}") from None
+        raise SystemDescriptionError([Problem(Where(str(run)), no_run(run, NAME))]) from None
     except (OSError, ValueError) as error:
-        raise CosimError(f"{file}: not the manifest of a complete run: {error!r}") from None
+        raise _incomplete(file, repr(error)) from None
     if not isinstance(told, dict):
-        raise CosimError(f"{file}: not the manifest of a complete run: a {type(told).__name__}, not an object")
+        raise _incomplete(file, f"a {type(told).__name__}, not an object")
     return told
+
+
+def _incomplete(file: Path, what: str) -> SystemDescriptionError:
+    return SystemDescriptionError([Problem(Where(str(file)), f"not the manifest of a complete run: {what}")])
 
 
 def players(run: Path, manifest: Mapping[str, Any]) -> Mapping[str, Player]:
     """Returns the instances of a manifest.
 
     Raises:
-        CosimError: the manifest is not that of a complete run.
+        SystemDescriptionError: the manifest is not that of a complete run.
     """
     try:
         fmus = {path: verdicts_of_json(fmu.get("verdicts", {})) for path, fmu in manifest.get("fmus", {}).items()}
@@ -105,7 +109,7 @@ def players(run: Path, manifest: Mapping[str, Any]) -> Mapping[str, Player]:
             for name, one in manifest["instances"].items()
         }
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CosimError(f"{run / 'manifest.json'}: not the manifest of a complete run: {error!r}") from None
+        raise _incomplete(run / NAME, repr(error)) from None
 
 
 def parts(columns: Mapping[str, str], known: Mapping[str, Player]) -> list[Part]:
