@@ -510,6 +510,39 @@ finally:
 """
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("info", "results", "--signals"),
+        ("info", "results", "--json"),
+        ("explain", "s.ssd", "b.u"),
+        ("plot", "results", "--signal", "a.y", "--format", "svg"),
+    ],
+)
+def test_standard_output_on_a_full_disk_is_one_error(
+    run: Any, system: Path, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    assert run("run", str(system), "-o", "results")[0] == 0
+    command = [str(Path(sys.executable).with_name("uav-cosim")), *words]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    said = [line for line in done.stderr.splitlines() if not line.endswith(" ...")]  # of what takes over a second
+    assert said == ["error: standard output: cannot be written: No space left on device"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_errors_as_json_on_a_full_disk_are_still_told(tmp_path: Path) -> None:
+    command = [str(Path(sys.executable).with_name("uav-cosim")), "build", "nowhere.py", "--json"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    first, *others = done.stderr.splitlines()
+    assert first.startswith("error: ") and "nowhere" in first
+    assert others == ["error: standard output: cannot be written: No space left on device"]
+
+
 def test_imports_of_a_command_are_not_looked_through_for_garbage(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", LOOKED], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "oldest: 0\nfrozen: True\n"), done.stderr

@@ -15,7 +15,7 @@ import logging
 import os
 import shlex
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
+    "OutputFailed",
     "announce",
     "begin_verb",
     "command",
@@ -73,6 +74,10 @@ class _Spoken:
     document: bool = False
 
 
+class OutputFailed(Exception):
+    """Standard output cannot be written: it is a file on a full disk, for example. A pipe without a reader is not."""
+
+
 _verbosity = _Verbosity()
 _spoken = _Spoken()
 
@@ -108,10 +113,25 @@ def is_live() -> bool:
     return err.file.isatty() and err.is_terminal and not err.is_dumb_terminal
 
 
+@contextmanager
+def _written() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:  # the reader has had enough, as `head` has
+        raise
+    except OSError as error:
+        with suppress(OSError):  # what is left in buffers goes nowhere: Python would fail with it at its end
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, out.file.fileno())
+            os.close(nowhere)
+        raise OutputFailed(f"standard output: cannot be written: {error.strerror or error}") from None
+
+
 def say(text: str) -> None:
     """Prints the result of a verb, unless -q is set."""
     if not _verbosity.quiet:
-        out.print(text, markup=False)
+        with _written():
+            out.print(text, markup=False)
 
 
 def command(*words: object) -> str:
@@ -139,7 +159,9 @@ def notes(texts: Iterable[str]) -> None:
 def print_json(document: Any) -> None:
     """Prints the JSON document of a verb."""
     _spoken.document = True
-    out.print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False), markup=False)
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    with _written():
+        out.print(text, markup=False)
 
 
 def print_tables(tables: Iterable[Table | str]) -> None:
@@ -147,7 +169,8 @@ def print_tables(tables: Iterable[Table | str]) -> None:
     if not out.is_terminal:
         out.width = 10_000  # a file or a pipe has no width, so each row is one line
     for table in tables:
-        out.print(table, markup=False) if isinstance(table, str) else out.print(table)
+        with _written():
+            out.print(table, markup=False) if isinstance(table, str) else out.print(table)
 
 
 def report_error(text: str) -> None:

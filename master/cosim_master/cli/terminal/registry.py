@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 from typer.core import TyperGroup
 
-from cosim_master.cli.terminal.console import begin_verb, end_verb, report_error, set_verbosity
+from cosim_master.cli.terminal.console import OutputFailed, begin_verb, end_verb, report_error, set_verbosity
 
 __all__ = ["app", "verb"]
 
@@ -85,13 +85,17 @@ def verb(*examples: str) -> Callable[[F], F]:
             set_verbosity(quiet=quiet or None, verbose=verbose or None)
             begin_verb()
             try:
-                function(**arguments)
-            except KeyboardInterrupt:
-                report_error("interrupted")
-                raise typer.Exit(130) from None
-            finally:
-                if arguments.get("as_json"):
-                    end_verb()
+                try:
+                    function(**arguments)
+                except KeyboardInterrupt:
+                    report_error("interrupted")
+                    raise typer.Exit(130) from None
+                finally:
+                    if arguments.get("as_json"):
+                        end_verb()
+            except OutputFailed as error:
+                report_error(str(error))
+                raise typer.Exit(1) from None
 
         own = inspect.signature(function, eval_str=True)
         switches = [

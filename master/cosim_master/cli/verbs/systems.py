@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim_master.cli.terminal.console import errors, notes, out, print_json, print_tables, say, usage
+from cosim_master.cli.terminal.console import errors, notes, print_json, print_tables, say, usage
 from cosim_master.cli.terminal.options import (
     Json,
     PartitionFile,
@@ -198,7 +198,7 @@ def _report_reference(verdict: Verdict, *, as_json: bool) -> None:
         for one in verdict.differences:
             word = "agrees" if one.agrees else "DIFFERS"
             apart = f"{one.largest:.3g} at t = {one.time:.9g} s, allowed {one.allowed:.3g}"
-            out.print(f"{one.name}: {word}, by {apart}", markup=False)
+            print_tables([f"{one.name}: {word}, by {apart}"])
         if verdict.left_out:
             notes([f"not compared, since they are not outputs: {_shortened(list(verdict.left_out))}"])
         say(f"{verdict.rows} rows of {verdict.source}")
@@ -245,8 +245,7 @@ def explain(
         if as_json:
             print_json({"variable": name, "explanation": [line.strip() for line in lines]})
             return
-        for line in lines:
-            out.print(line, markup=False)
+        print_tables(lines)
 
 
 @verb("graph line5 -o line5.svg")
