@@ -288,6 +288,11 @@ def test_all_problems_of_a_request_at_once(tmp_path: Path) -> None:
         assert f"{name}.fmu: no such file; try uav-cosim build {name}" in text
     with pytest.raises(SystemDescriptionError, match=r"^rings: is not a scenario; valid: line, grid, .*line5, "):
         new_system("rings", 2, tmp_path / "new")
+    with pytest.raises(SystemDescriptionError) as caught:  # of a scenario with FMUs of its own
+        new_system("line5", 0, tmp_path / "new", fmus=tmp_path / "nowhere")
+    few, folder = str(caught.value).splitlines()
+    assert few == "--drones: 0 drones are too few: give 1 or more"
+    assert folder == f"{tmp_path / 'nowhere'}: no such folder; --fmus is the folder of the FMUs of models"
 
 
 def test_fmus_must_declare_what_a_new_system_sets(fmus: Path, tmp_path: Path) -> None:

@@ -127,10 +127,12 @@ def new_system(
         The folder.
 
     Raises:
-        SystemDescriptionError: too few drones are requested, the folder exists, or an FMU is missing or lacks
-            declarations.
+        SystemDescriptionError: too few drones are requested, the folder exists, or an FMU or `fmus` is missing, or
+            an FMU lacks declarations.
     """
     problems = _problems(scenario, drones, folder, spacing, layout)
+    if scenario not in SHAPES and fmus is not None and not fmus.is_dir():  # of a shape, each file is missed by name
+        problems.append(Problem(Where(str(fmus)), "no such folder; --fmus is the folder of the FMUs of models"))
     pattern = _pattern(scenario, fmus, problems)
     given: list[dict[str, Any]] = [
         {part: files[i % len(files)] for part, files in (fleet or {}).items()} for i in range(drones)
