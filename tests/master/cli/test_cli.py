@@ -89,6 +89,18 @@ def test_results_of_other_inputs_are_not_overwritten(run: Any, system: Path, tmp
     assert rows("out/s") == 3
 
 
+def test_a_run_is_not_written_into_a_campaign(run: Any, system: Path, tmp_path: Path) -> None:
+    (tmp_path / "out" / "s").mkdir(parents=True)
+    (tmp_path / "out" / "s" / "study.json").write_text("{}")
+    code, _, stderr = run("run", str(system), "-o", "out/s", "--force")
+    assert code == 2
+    assert "error: out/s: holds a campaign; give another folder" in stderr.splitlines()
+    code, stdout, stderr = run("run", str(system))
+    assert code == 0 and stdout.endswith("results: out/s-2\n")
+    assert "note: out/s holds a campaign; the results are in out/s-2" in stderr.splitlines()
+    assert [file.name for file in (tmp_path / "out" / "s").iterdir()] == ["study.json"]
+
+
 def test_options_of_run(run: Any, system: Path, tmp_path: Path) -> None:
     arguments = (
         "--until",

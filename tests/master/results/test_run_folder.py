@@ -66,6 +66,15 @@ def test_results_of_unknown_inputs_are_refused(tmp_path: Path) -> None:
     assert refusal(RunFolder(broken)) == text
 
 
+def test_a_campaign_is_never_overwritten(tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    (folder / "runs").mkdir(parents=True)
+    (folder / "study.json").write_text("{}")
+    for force in (False, True):
+        assert refusal(RunFolder(folder, force=force)) == "holds a campaign; give another folder"
+        assert RunFolder(folder, numbered=True, force=force).choose(INPUTS) == tmp_path / "study-2"
+
+
 def test_a_run_with_real_programs_repeats_none(tmp_path: Path) -> None:
     folder = holding(tmp_path / "a", INPUTS)
     text = "holds the results of a run with packets from outside, of programs or a person; "

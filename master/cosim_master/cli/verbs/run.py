@@ -328,6 +328,7 @@ def run(
         from cosim_master.execution.options import RunOptions
         from cosim_master.execution.preparation.isolating import chosen_isolation
         from cosim_master.network.gateways.mailbox import Mailbox
+        from cosim_master.results.storage.manifest_file import CAMPAIGN
         from cosim_master.results.storage.run_folder import RunFolder
 
         options = RunOptions(
@@ -362,7 +363,8 @@ def run(
         with errors(as_json=as_json):
             _write_logs(result.folder)
     if folder is None and result.folder is not None and result.folder != by_default:
-        note(f"{by_default} holds a run of other inputs, which --force overwrites; the results are in {result.folder}")
+        holds = "a campaign" if (by_default / CAMPAIGN).is_file() else "a run of other inputs, which --force overwrites"
+        note(f"{by_default} holds {holds}; the results are in {result.folder}")
     leave(transport, result.error)
     if code := _exit_code(result, strict=strict):
         raise typer.Exit(code)

@@ -9,9 +9,11 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-__all__ = ["NAME", "UNWRITTEN", "RunningManifest", "no_run", "write_manifest"]
+__all__ = ["CAMPAIGN", "NAME", "UNWRITTEN", "RunningManifest", "no_run", "write_manifest"]
 
 NAME = "manifest.json"
+CAMPAIGN = "study.json"
+"""The file that a campaign has in its folder instead."""
 UNWRITTEN = "its results could not be written to their end, as on a full disk"
 """The error of a failed run whose manifest has none, since there was no room for it."""
 _OUTCOME, _NUMBER, _COUNT = 16, 25, 20
@@ -25,7 +27,7 @@ def no_run(folder: Path, missing: str) -> str:
     """Returns why a folder is not that of a run, where it lacks a file that each run writes."""
     if not folder.is_dir():
         reason = "there is no such folder; a run prints its own at its end (results: out/line5)"
-    elif (folder / "study.json").is_file():
+    elif (folder / CAMPAIGN).is_file():
         reason = f"it holds a campaign; try uav-cosim report {folder}"
     else:
         reason = f"it has no {missing} (`uav-cosim run -o` writes it)"

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.results.storage.journal import FOLDER, goes_on, journal_of
+from cosim_master.results.storage.manifest_file import CAMPAIGN
 
 __all__ = ["RunFolder", "clear", "differences", "held_fingerprint", "is_figure", "stamp"]
 
@@ -33,7 +34,7 @@ class RunFolder:
     Attributes:
         path: the folder.
         numbered: use path-2, path-3, ... if it contains a run of other inputs, instead of refusing.
-        force: overwrite any contents.
+        force: overwrite any run.
     """
 
     path: Path
@@ -48,9 +49,13 @@ class RunFolder:
             repeatable: whether a run of the same inputs records the same values; False with real programs.
 
         Raises:
-            SystemDescriptionError: the folder contains results that this run would not record again.
+            SystemDescriptionError: the folder contains results that this run would not record again, or a campaign.
         """
         for path in self._candidates():
+            if (path / CAMPAIGN).is_file():
+                if self.numbered:
+                    continue
+                raise SystemDescriptionError([Problem(Where(str(path)), "holds a campaign; give another folder")])
             recorded = goes_on(path)
             held = None if self.force else held_fingerprint(path)
             same = repeatable and held == dict(fingerprint) and not (path / FOLDER).is_dir()
