@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from cosim_master.diagnostics.errors import CosimError
+from cosim_master.files.whole import write_whole
 from cosim_master.report.contents import Table
 
 __all__ = ["escaped", "image", "table", "write_document"]
@@ -75,8 +76,7 @@ def write_document(file: Path, title: str, source: str, body: Iterable[str]) -> 
         body="\n".join(body),
     )
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8", errors="replace")
+        write_whole(file, text.encode("utf-8", errors="replace"))
     except OSError as error:
         raise CosimError(f"{file}: the report cannot be written: {error.strerror or error}") from error
     return file

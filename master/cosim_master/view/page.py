@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim_master.diagnostics.errors import CosimError
+from cosim_master.files.whole import write_whole
 from cosim_master.results.storage.run_folder import stamp
 from cosim_master.view.block import compressed
 from cosim_master.view.bundle import read_bundle
@@ -66,8 +67,7 @@ def write_page(run: Path, file: Path | None = None) -> Path:
     document, block = replay(run)
     text = page_text(document, block.text(), source=stamp(run))
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
+        write_whole(file, text.encode())
     except OSError as error:
         raise CosimError(f"{file}: the page cannot be written: {error.strerror or error}") from error
     return file

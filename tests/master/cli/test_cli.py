@@ -18,6 +18,7 @@ from cosim.build import models_of_package
 from cosim_master.cli import app, err, out
 from cosim_master.cli.terminal import progress
 from tests.master.fmus.probe import model
+from tests.master.full_disk import room_of
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -396,6 +397,27 @@ def test_swap_and_run(run: Any, system: Path, probes: Any, tmp_path: Path) -> No
     before = system.read_bytes()
     assert run("swap", str(system), "b", "other.fmu", "--in-place")[0] == 0
     assert system.read_bytes() == before.replace(b'name="b" source="probe.fmu"', b'name="b" source="other.fmu"')
+
+
+@pytest.mark.parametrize(
+    ("words", "file"),
+    [
+        (("view", "results", "--no-open"), "results/view.html"),
+        (("report", "results"), "results/report.html"),
+        (("graph", "s.ssd"), "test.svg"),
+    ],
+)
+def test_no_part_of_a_page_is_left_on_a_full_disk(
+    run: Any, system: Path, tmp_path: Path, words: tuple[str, ...], file: str
+) -> None:
+    assert run("run", str(system), "-o", "results")[0] == 0
+    with room_of(1000):
+        code, stdout, stderr = run(*words)
+    assert code != 0 and stdout == ""
+    assert stderr.startswith(f"error: {file}: ") and stderr.endswith("cannot be written: File too large\n")
+    assert not (tmp_path / file).exists()
+    assert run(*words)[0] == 0
+    assert (tmp_path / file).stat().st_size > 1000
 
 
 def test_export(run: Any, system: Path, tmp_path: Path) -> None:

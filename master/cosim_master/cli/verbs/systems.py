@@ -261,6 +261,7 @@ def graph(
     """Draw a system: components, connectors and connections, as SVG."""
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
+        from cosim_master.files.whole import write_whole
         from cosim_master.system.authoring.draw import graph as drawing
         from cosim_master.system.reading.read import read_system
 
@@ -272,8 +273,7 @@ def graph(
             data = drawing(structure)
         doing.end()
         try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(data)
+            write_whole(target, data)
         except OSError as error:
             raise usage(f"{target}: cannot be written: {error.strerror}") from None
         if as_json:

@@ -10,6 +10,7 @@ from pathlib import Path
 from string import Template
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.files.whole import write_whole
 from cosim_master.system import shipped
 
 __all__ = ["commands_of", "new_model"]
@@ -37,11 +38,8 @@ def new_model(kind: str, file: Path) -> str:
     name = "".join(word[:1].upper() + word[1:] for word in file.stem.split("_"))
     text = Template(templates[kind].read_text(encoding="utf-8")).substitute(name=name, file=file.as_posix())
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
+        write_whole(file, text.encode())
     except OSError as error:
-        if file.is_file():
-            file.unlink()  # what was written of it
         raise _refusal(str(file), f"cannot be written: {error.strerror or error}") from None
     return name if f"class {name}" in text else file.stem
 

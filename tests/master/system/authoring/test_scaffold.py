@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import itertools
 import math
 import os
@@ -20,6 +19,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.system import shipped
 from cosim_master.system.authoring.scaffold import commands_of, new_model
 from tests.master.forks import Forks
+from tests.master.full_disk import room_of
 
 MODELS = {"agent": ("my_law.py", "MyLaw"), "model": ("my_vehicle.py", "MyVehicle")}
 NAMES = MODELS | {"channel": ("my_channel.py", "my_channel")}
@@ -121,14 +121,9 @@ def test_requests_that_are_refused(tmp_path: Path) -> None:
     assert "cannot be written: " in refused("agent", tmp_path / "there.py" / "law.py")
 
 
-def test_a_full_disk_leaves_no_part_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_leaves_no_part_of_a_file(tmp_path: Path) -> None:
     """The next attempt would say that it exists already."""
-
-    def full(file: Path, *_: object, **__: object) -> int:
-        file.touch()
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(SystemDescriptionError, match=r"law\.py: cannot be written: No space left on device"):
+    message = r"law\.py: cannot be written: File too large"
+    with room_of(100), pytest.raises(SystemDescriptionError, match=message):
         new_model("agent", tmp_path / "law.py")
     assert not (tmp_path / "law.py").exists()
