@@ -538,6 +538,7 @@ class _ForPython(_FunctionCompiler):  # type: ignore[misc]
     def _compile_core(self, args: Any, return_type: Any) -> Any:
         lowered = self._kernel.lower(tuple(args), return_type)
         result, context = lowered.result, lowered.result.target_context
+        context.refresh()  # numba's declarations, which reading a lowered kernel does not load
         library = context.codegen().create_library(lowered.library.name)
         library.enable_object_caching()
         library.add_linking_library(lowered.library)

@@ -293,6 +293,19 @@ def seldom(x):
 """Closures depend on the process, and so does a kernel that calls one."""
 
 
+ROW = """
+@kernel
+def row(cans, n):
+    return cans[1][n]
+"""
+ROW_CALL = """
+import sys; sys.path.insert(0, sys.argv[1])
+import numpy as np
+from garden.bed import row
+print(row((np.zeros(3, np.int32), np.arange(3.0)), 2))
+"""
+
+
 class TestLoweredKernels:
     """IR is found again by other processes, and only if it is that of the same sources and passes."""
 
@@ -358,6 +371,18 @@ class TestLoweredKernels:
         other = can if package == "garden" else tmp_path / "shed/tap.py"
         other.write_text(other.read_text() + "LEFT = 1.0\n")
         assert sorted(lowers()[0]) == sorted(self.ALL)
+
+    def test_a_process_that_lowers_nothing_makes_machine_code_for_python(self, garden: Garden) -> None:
+        bed = garden.folder / "garden/bed.py"
+        bed.write_text(bed.read_text() + ROW)
+        environment = {**os.environ, "XDG_CACHE_HOME": str(garden.folder / "cache")}
+        for _ in range(2):
+            command = [sys.executable, "-B", "-c", ROW_CALL, str(garden.folder)]
+            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+            assert (done.stdout, done.stderr) == ("2.0\n", "")
+            assert list((garden.folder / "cache").rglob("*.lowered"))
+            (made,) = (garden.folder / "cache").rglob("*.kernel")
+            made.unlink()
 
     def test_they_are_made_where_nothing_can_be_written(
         self, lowers: Callable[..., tuple[list[str], str]], tmp_path: Path

@@ -35,7 +35,7 @@ class Exporter(Protocol):
 
         Raises:
             SystemDescriptionError: the folder holds no run, or the one to write is not empty.
-        CosimError: the recording lacks data for this format.
+            CosimError: the recording lacks data for this format.
             OSError: the file cannot be written.
         """
         ...
