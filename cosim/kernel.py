@@ -158,7 +158,8 @@ _IMPORT = re.compile(
 )
 
 
-_USES_COSIM = re.compile(r"^(?:from|import) cosim\b", re.MULTILINE)
+_USES_COSIM = re.compile(rb"^(?:from|import) cosim\b", re.MULTILINE)
+"""In bytes: the sources of others may have any encoding."""
 
 
 @cache
@@ -172,7 +173,7 @@ def _made_for_cosim(file: Path, known: frozenset[str]) -> dict[str, Path]:
         modules = (package, *(f"{package}.{name}" for name in re.findall(r"\w+", names)))
         paths = [root.joinpath(*module.split(".")[1:]) for module in modules if "." in module]
         files = (file for path in paths for file in (path.with_suffix(".py"), path / "__init__.py"))
-        if any(file.is_file() and _USES_COSIM.search(file.read_text(encoding="utf-8")) for file in files):
+        if any(file.is_file() and _USES_COSIM.search(file.read_bytes()) for file in files):
             found[first] = root.parent
     return found
 
@@ -180,7 +181,10 @@ def _made_for_cosim(file: Path, known: frozenset[str]) -> dict[str, Path]:
 @cache
 def _package(name: str) -> Path | None:
     """Returns the folder of a package; None if there is none of this name, or if it is a single module."""
-    spec = find_spec(name)
+    try:
+        spec = find_spec(name)
+    except ValueError:  # a module that was not imported from anywhere, such as __main__
+        return None
     folders = spec.submodule_search_locations if spec is not None and spec.origin else None
     return Path(next(iter(folders))) if folders else None
 

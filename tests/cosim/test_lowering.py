@@ -172,6 +172,15 @@ def test_what_is_taken_from_another_package_for_cosim_is_part_of_the_sources(gar
     assert first < both
 
 
+def test_sources_of_others_may_have_any_encoding_or_no_file(garden: Garden) -> None:
+    (garden.folder / "old").mkdir()
+    (garden.folder / "old/__init__.py").touch()
+    (garden.folder / "old/names.py").write_bytes("# -*- coding: latin-1 -*-\nNAME = 'Gie\xdfkanne'\n".encode("latin-1"))
+    can = garden.folder / "garden/can.py"
+    can.write_text("from old.names import NAME\nfrom __main__ import __name__ as begun\nFILL = 2.0 * (len(NAME) > 1)\n")
+    assert garden.watered("cache", fork=False)[0] == "4.0\n"
+
+
 def test_code_for_a_debugger_is_not_taken_for_optimised_code(garden: Garden) -> None:
     printed, slow = garden.watered("cache", fork=False, NUMBA_OPT="0")
     assert printed == "4.0\n"
