@@ -178,8 +178,10 @@ def link(libraries: Sequence[Any]) -> Any:
         modules = modules[::2]
     module = _in_order(modules[0], places)
     written = next(iter(found))._codegen.written
-    missing = [written[f.name] for f in module.functions if f.is_declaration and f.name in written]
-    return link([*libraries, *missing]) if missing else module
+    missing = {f.name: written[f.name] for f in module.functions if f.is_declaration and f.name in written}
+    if known := [name for name, library in missing.items() if library in found]:
+        raise RuntimeError(f"the code of {known[0]} does not define it")
+    return link([*libraries, *missing.values()]) if missing else module
 
 
 _FUNCTION = re.compile(r"^define .*?^\}$", re.MULTILINE | re.DOTALL)
@@ -637,16 +639,16 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     def _stored(self, types: tuple[Any, ...]) -> _Stored | None:
         """Returns the place of the IR for arguments of `types`; None if there is none that other processes could use.
 
-        Exceptions have the path of the source, which is therefore part of the digest.
+        Exceptions have the path of the source, and symbols the name of the module, which is another one where a file
+        is imported by its path. Both are therefore part of the digest.
         """
         if self.kept_in is None:
             return None
         code = self.py_func.__code__
         tools = numba_version, llvmlite_version, sys.version_info[:2], self.targetctx.codegen().magic_tuple()
         how = sorted(self.targetoptions.items()), _passes(self._pipeline_class), int(_config.OPT), _config.BOUNDSCHECK
-        what = repr(
-            (code.co_filename, self.py_func.__qualname__, code.co_firstlineno, list(map(str, types)), how, tools)
-        )
+        where = code.co_filename, self.py_func.__module__, self.py_func.__qualname__, code.co_firstlineno
+        what = repr((*where, list(map(str, types)), how, tools))
         if " at 0x" in what:  # a function of this process
             return None
         digest = hashlib.sha256(what.encode()).hexdigest()[:32]

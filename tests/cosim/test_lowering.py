@@ -314,6 +314,17 @@ from garden.bed import row
 print(row((np.zeros(3, np.int32), np.arange(3.0)), 2))
 """
 
+BY_PATH_CALL = """
+import sys; sys.path.insert(0, sys.argv[1])
+from importlib.util import module_from_spec, spec_from_file_location
+from cosim import lowering
+spec = spec_from_file_location(sys.argv[2], f"{sys.argv[1]}/garden/bed.py")
+bed = sys.modules[sys.argv[2]] = module_from_spec(spec)
+spec.loader.exec_module(bed)
+lowered = bed.watered.lower((lowering.types.float64,))
+print(lowered.name in [f.name for f in lowering.link([lowered.library]).functions if not f.is_declaration])
+"""
+
 
 class TestLoweredKernels:
     """IR is found again by other processes, and only if it is that of the same sources and passes."""
@@ -392,6 +403,14 @@ class TestLoweredKernels:
             assert list((garden.folder / "cache").rglob("*.lowered"))
             (made,) = (garden.folder / "cache").rglob("*.kernel")
             made.unlink()
+
+    def test_a_module_may_be_imported_under_another_name(self, garden: Garden) -> None:
+        """`uav-cosim build garden/bed.py` imports it by its path. Nothing is linked that callers call otherwise."""
+        environment = {**os.environ, "XDG_CACHE_HOME": str(garden.folder / "cache")}
+        for name in ("garden.bed", "bed", "garden.bed"):
+            command = [sys.executable, "-B", "-c", BY_PATH_CALL, str(garden.folder), name]
+            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+            assert (done.stdout, done.stderr) == ("True\n", ""), name
 
     def test_they_are_made_where_nothing_can_be_written(
         self, lowers: Callable[..., tuple[list[str], str]], tmp_path: Path
