@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,6 +28,7 @@ from cosim_master.execution.outcome.manifest import digest_of_system
 from cosim_master.execution.outcome.result import Outcome, Overruns, RunResult
 from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.run.checkpoint import save
+from cosim_master.execution.run.faults.requests import TOGETHER, handled
 from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.results.recording.recording import Recording
 from cosim_master.results.storage.checkpoint_folder import Identity
@@ -136,17 +135,19 @@ def interrupts() -> Iterator[Callable[[], bool]]:
     """Yields a function that returns whether Ctrl-C, SIGTERM or SIGHUP was received; a second one interrupts at once.
 
     A KeyboardInterrupt within a step could break the Python code of an FMU, or leave a file half written. While an FMU
-    hangs, no Python code runs: the second signal then ends the process. A signal that is already ignored, as SIGHUP
-    under nohup, remains ignored.
+    hangs, no Python code runs: the second signal then ends the process. Two of one kind at almost the same time, as
+    timeout(1) sends them, are one. A signal that is already ignored, as SIGHUP under nohup, remains ignored.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return
     pressed = threading.Event()
+    seen: dict[int, float] = {}
 
     def press(number: int, frame: FrameType | None) -> None:
-        _handle_once(number, press)
-        if pressed.is_set():
+        handled(number, press)
+        before, seen[number] = seen.get(number, -math.inf), time.monotonic()
+        if pressed.is_set() and seen[number] - before > TOGETHER:
             signal.default_int_handler(number, frame)
         pressed.set()
 
@@ -154,23 +155,12 @@ def interrupts() -> Iterator[Callable[[], bool]]:
     found = {number: signal.getsignal(number) for number in numbers}
     before = {n: was for n, was in found.items() if n == signal.SIGINT or was not in (signal.SIG_IGN, None)}
     for number in before:
-        _handle_once(number, press)
+        handled(number, press)
     try:
         yield pressed.is_set
     finally:
         for number, was in before.items():
             signal.signal(number, was)
-
-
-def _handle_once(number: int, handler: Callable[[int, FrameType | None], None]) -> None:
-    """Sets a handler that the operating system removes when the signal arrives, even if Python code cannot run."""
-    signal.signal(number, handler)
-    libc = ctypes.CDLL(None) if sys.platform == "linux" else None
-    if libc is None or not hasattr(libc, "sysv_signal"):
-        return
-    for function in (libc.signal, libc.sysv_signal):
-        function.restype, function.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
-    libc.sysv_signal(number, libc.signal(number, None))  # with the values set by Python
 
 
 class _Pace:

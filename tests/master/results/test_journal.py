@@ -453,6 +453,16 @@ def test_an_fmu_that_hangs_is_ended_by_the_second_signal(probes: Any, tmp_path: 
     assert signals(tmp_path / "out")["time"].to_pylist() == [k / 100 for k in range(121)]
 
 
+@pytest.mark.skipif(shutil.which("timeout") is None, reason="timeout(1)")
+def test_timeout_ends_a_run_as_ctrl_c_does(probes: Any, tmp_path: Path) -> None:
+    probes.fmu(step=0.01)
+    system = probes.ssd(probes.component("a"), stop=1e6)
+    command = ["timeout", "4", *COMMAND, str(system), "-o", "out"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 124, ended.stderr
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "interrupted"
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="processes of FMUs")
 def test_an_isolated_fmu_that_hangs_is_ended_by_the_second_signal(probes: Any, tmp_path: Path) -> None:
     """The run fails as if its process had crashed: nothing is lost, and the exit code is that of a failure."""

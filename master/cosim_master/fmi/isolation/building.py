@@ -151,9 +151,9 @@ def _compile(folder: Path) -> None:
     else:
         text = "their C part is not compiled: install uav-cosim[build], which brings a C compiler, or set CC"
         raise CannotIsolate(text)
-    proxy, host, stack, crash = (str(_SOURCES / f"{name}.c") for name in ("proxy", "host", "stack", "crash"))
+    proxy, host, *others = (str(_SOURCES / f"{name}.c") for name in ("proxy", "host", "stack", "crash", "signals"))
     for command in (
-        ["-fPIC", "-shared", proxy, host, stack, crash, "-o", str(folder / LIBRARY), "-ldl"],
+        ["-fPIC", "-shared", proxy, host, *others, "-o", str(folder / LIBRARY), "-ldl"],
         ["-DPROGRAM", host, "-o", str(folder / HOST), *_LIBRARIES],
     ):
         _run([*compiler, *_FLAGS, _STRIPPED, *command])

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import math
 import os
 import select
 import signal
@@ -25,6 +26,7 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 
 from cosim_master.diagnostics.errors import FmuError
+from cosim_master.execution.run.faults.requests import TOGETHER, expected
 from cosim_master.execution.run.faults.scene import FRAMES, Scene, symbols
 from cosim_master.files.temporary import remove_all
 from cosim_master.fmi.isolation.building import LIBRARY, CannotIsolate, binaries
@@ -65,7 +67,7 @@ def reported_start(scene: Scene, seconds: float) -> Iterator[Callable[[Library],
 
 
 def _set_again() -> None:
-    """Sets Python's handlers of signals again, which the system removes at the first signal of a hang."""
+    """Sets Python's handlers of signals again, without the function in C that ends a process at the second one."""
     if threading.current_thread() is threading.main_thread():
         for number in _SIGNALS:
             if callable(handler := signal.getsignal(number)):
@@ -137,15 +139,11 @@ class _Watchdog(threading.Thread):
         self._ended = threading.Event()
         self._proxy = os.path.realpath(functions._name)
         self._libc = ctypes.CDLL(None)
-        for name in ("signal", "sysv_signal"):
-            function = getattr(self._libc, name)
-            function.restype, function.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
+        self._libc.signal.restype, self._libc.signal.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
         functions.stack_of.argtypes = (ctypes.c_ulong, ctypes.c_int, ctypes.c_void_p, ctypes.c_int)
         functions.stack_prepare(int(self._number))
-        self._handlers: dict[int, int | None] = {}
-        for number in _SIGNALS:
-            self._handlers[number] = self._libc.signal(number, None)
-            self._libc.sysv_signal(number, self._handlers[number])
+        self._expected: dict[int, float] = {number: -math.inf for number in _SIGNALS if expected(number)}
+        """The signals that have handlers: when each was received last."""
 
     def stop(self, writing: int) -> None:
         """Ends the thread at once: a byte at the end `writing` of its pipe, which is no signal's number, wakes it."""
@@ -164,10 +162,11 @@ class _Watchdog(threading.Thread):
             if ready:
                 with suppress(BlockingIOError):
                     for number in os.read(self._signals, 64):
-                        if number in self._handlers:
-                            received += 1
-                            # The signal has removed its handler: without it, the next one ends the process.
-                            self._libc.sysv_signal(number, self._handlers[number])
+                        if number in self._expected:
+                            at, before = time.monotonic(), self._expected[number]
+                            expected(number)  # or the next one ends the process
+                            self._expected[number] = at
+                            received += at - before > TOGETHER
                             if received > 1 and not self._ended.wait(_GRACE):
                                 self._end(number, time.monotonic() - since)
             if (now := self._now()) != time_reached:
