@@ -43,3 +43,8 @@ EXPORT int signals_expect(int number) {
     __atomic_store_n(&first[number], 0, __ATOMIC_RELEASE);
     return 0;
 }
+
+/* Returns the handler behind a handler that was found for a signal: Python's, if it is the one above. */
+EXPORT void *signals_behind(int number, void *handler) {
+    return handler == (void *)on_signal ? (void *)noting[number] : handler;
+}

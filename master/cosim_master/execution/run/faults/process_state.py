@@ -24,6 +24,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, Self
 
+from cosim_master.execution.run.faults.requests import behind
 from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.observation import Progress, Seen
@@ -116,10 +117,10 @@ def _folder() -> str:
 
 
 def _handler(libc: Any, number: int) -> int | None:
-    """Returns the handler of a signal: the first member of struct sigaction."""
+    """Returns the handler of a signal: the first member of struct sigaction. That of `requests` is none of an FMU."""
     action = (ctypes.c_ubyte * 256)()
     libc.sigaction(number, None, ctypes.byref(action))
-    return ctypes.c_void_p.from_buffer(action).value
+    return behind(number, ctypes.c_void_p.from_buffer(action).value)
 
 
 def _files() -> list[tuple[int, str]]:

@@ -19,7 +19,7 @@ from types import FrameType
 
 from cosim_master.fmi.isolation.building import LIBRARY, CannotIsolate, binaries
 
-__all__ = ["TOGETHER", "expected", "handled"]
+__all__ = ["TOGETHER", "behind", "expected", "handled"]
 
 TOGETHER = 0.1
 """Wall-clock time within which signals of one kind are one request, s; REQUEST_NS of signals.c."""
@@ -44,9 +44,21 @@ def expected(number: int) -> bool:
     return functions is not None and functions.signals_expect(int(number)) == 0
 
 
+def behind(number: int, address: int | None) -> int | None:
+    """Returns the handler that is called for a signal whose handler the system has at `address`."""
+    functions = _functions()
+    found: int | None = address if functions is None else functions.signals_behind(number, address)
+    return found
+
+
 @cache
 def _functions() -> ctypes.CDLL | None:
     try:
-        return ctypes.CDLL(str(binaries() / LIBRARY))
+        functions = ctypes.CDLL(str(binaries() / LIBRARY))
     except (CannotIsolate, OSError):
         return None
+    functions.signals_behind.restype, functions.signals_behind.argtypes = (
+        ctypes.c_void_p,
+        (ctypes.c_int, ctypes.c_void_p),
+    )
+    return functions
