@@ -28,13 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from report import machine, show, write
+from timed.packets import BATCH, decode_all, encode_all, find_all, route_all
 
-from cosim.kernel import kernel
-from cosim.messages import GLOBAL_POSITION_INT, decode_global_position_int, encode_global_position_int
-from cosim.packets import GOOD, find, pack, unpack
 from cosim_master.network.radio.build import grown, make_radio
-from cosim_master.network.radio.queues import deliver
-from cosim_master.network.radio.router import send
 from cosim_master.network.radio.tables import DELIVERED, Radio
 from cosim_master.stepping.layout import make_layout
 from cosim_master.system.authoring.swarm.new import new_system
@@ -43,67 +39,8 @@ from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import Network, network_of
 
 ROOT = Path(__file__).resolve().parents[1]
-BATCH = 100
-"""Packets in a buffer."""
 DRONES = 10
 FIELDS = (12345, 473566100, 85496900, 488000, 12500, 150, -220, 10, 9000)
-
-
-@kernel
-def _encode(buffer: NDArray[np.uint8], payload: NDArray[np.uint8], repeat: int) -> int:
-    n = 0
-    for _ in range(repeat):
-        n = 0
-        for i in range(BATCH):
-            encode_global_position_int(payload, 12345 + i, 473566100, 85496900, 488000, 12500, 150, -220, 10, 9000)
-            n = pack(buffer, n, payload, GLOBAL_POSITION_INT, i, 1, 1, 2)
-    return n
-
-
-@kernel
-def _find(buffer: NDArray[np.uint8], n: int, repeat: int) -> int:
-    good = 0
-    for _ in range(repeat):
-        p = 0
-        while p < n:
-            _, p, status = find(buffer, p, n)
-            if status == GOOD:
-                good += 1
-    return good
-
-
-@kernel
-def _decode(buffer: NDArray[np.uint8], n: int, payload: NDArray[np.uint8], repeat: int) -> int:
-    total = 0
-    for _ in range(repeat):
-        p = 0
-        while p < n:
-            start, p, status = find(buffer, p, n)
-            if status == GOOD:
-                unpack(buffer, start, payload)
-                values = decode_global_position_int(payload)
-                total += values[0] + values[1] + values[8]
-    return total
-
-
-@kernel
-def _route(
-    r: Radio,
-    reals: NDArray[np.float64],
-    packets: NDArray[np.uint8],
-    length: int,
-    senders: NDArray[np.int64],
-    sink: NDArray[np.uint8],
-    repeat: int,
-) -> int:
-    """Every sender sends a packet, everybody takes what has arrived."""
-    received = 0
-    for k in range(repeat):
-        for i in range(senders.size):
-            send(r, reals, 1_000_000 * k, senders[i], packets[i], length)
-        for e in range(r.endpoints.size):
-            received += deliver(r, 1_000_000 * k, e, sink)
-    return received
 
 
 class Router:
@@ -150,11 +87,11 @@ def _radio(fmus: Path) -> tuple[Network, Radio, NDArray[np.float64]]:
 def contest(fmus: Path, rounds: int, scale: float) -> list[dict[str, Any]]:
     """Rows of operation and us per packet, ours and pymavlink's."""
     buffer, payload = np.zeros(64 * BATCH, np.uint8), np.zeros(255, np.uint8)
-    n = _encode(buffer, payload, 1)
+    n = encode_all(buffer, payload, 1)
     block = buffer[:n].tobytes()
     link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     parsed = mavlink.MAVLink(None).parse_buffer(block)
-    if len(parsed) != BATCH or parsed[0].to_dict()["lat"] != FIELDS[1] or _find(buffer, n, 1) != BATCH:
+    if len(parsed) != BATCH or parsed[0].to_dict()["lat"] != FIELDS[1] or find_all(buffer, n, 1) != BATCH:
         raise RuntimeError("ours and pymavlink do not read the same packets")
     if bytes(link.global_position_int_encode(*FIELDS).pack(link)) != block[: n // BATCH]:
         raise RuntimeError("ours and pymavlink do not write the same packet")
@@ -168,7 +105,7 @@ def contest(fmus: Path, rounds: int, scale: float) -> list[dict[str, Any]]:
         texts.append(bytes(own.global_position_int_encode(*FIELDS).pack(own)))
     packets = np.array([list(text) for text in texts], dtype=np.uint8)
     sink = np.zeros(1 << 14, np.uint8)
-    if (ours := _route(radio, reals, packets, len(texts[0]), senders, sink, 1)) != router.route(texts):
+    if (ours := route_all(radio, reals, packets, len(texts[0]), senders, sink, 1)) != router.route(texts):
         raise RuntimeError(f"ours and the router in Python do not deliver the same ({ours} bytes)")
     assert radio.counters[DELIVERED] > 0
     many, few = max(1, round(500 * scale)), max(1, round(5 * scale))
@@ -187,10 +124,10 @@ def contest(fmus: Path, rounds: int, scale: float) -> list[dict[str, Any]]:
 
     repeat = many * BATCH // DRONES
     contests: list[tuple[str, Callable[[], Any], Callable[[], None]]] = [
-        ("encode", lambda: _encode(buffer, payload, many), encode_with_pymavlink),
-        ("find", lambda: _find(buffer, n, many), parse_with_pymavlink),
-        ("decode", lambda: _decode(buffer, n, payload, many), parse_with_pymavlink),
-        ("route", lambda: _route(radio, reals, packets, len(texts[0]), senders, sink, repeat), route_in_python),
+        ("encode", lambda: encode_all(buffer, payload, many), encode_with_pymavlink),
+        ("find", lambda: find_all(buffer, n, many), parse_with_pymavlink),
+        ("decode", lambda: decode_all(buffer, n, payload, many), parse_with_pymavlink),
+        ("route", lambda: route_all(radio, reals, packets, len(texts[0]), senders, sink, repeat), route_in_python),
     ]
     rows = []
     for name, ours_run, theirs_run in contests:
