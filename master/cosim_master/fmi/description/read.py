@@ -143,6 +143,15 @@ def mentions(path: Path, name: str) -> bool:
     Raises:
         SystemDescriptionError: the file is not a ZIP archive, or has a description that is too large.
     """
+    contents = ""
+    with suppress(OSError):  # `archive` says what is wrong with the file
+        contents = _digest(path)
+    return _mentioned(path.absolute(), contents, name)
+
+
+@lru_cache(maxsize=1024)
+def _mentioned(path: Path, contents: str, name: str) -> bool:  # noqa: ARG001
+    """Returns `mentions` of a file with contents of this digest, which are read once in a process."""
     data = archive.read_member(path, "modelDescription.xml", str(path), limit=_MAX_DESCRIPTION_BYTES)
     if data is None or not name.isidentifier():  # other names may be escaped
         return data is not None
