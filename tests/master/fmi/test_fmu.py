@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import re
+import shutil
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.fmi.description.read import FmuDescription, describe, extract, platform
+from cosim_master.files import archive
+from cosim_master.fmi.description.read import FmuDescription, describe, extract, mentions, platform
 
 ENUMERATION = (
     '<SimpleType name="Mode"><Enumeration><Item name="off" value="0"/><Item name="on" value="5"/></Enumeration>'
@@ -299,6 +302,31 @@ class TestNotes:
         assert read.outputs["y"] is None and "y" not in read.initial_unknowns
         assert read.capabilities.needsExecutionTool
         assert any("InitialUnknowns" in note for note in read.notes)
+
+
+class TestCopies:
+    def test_a_copy_is_not_read_again(
+        self, complete: FmuDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        copy = tmp_path / "copies" / "copy.fmu"
+        copy.parent.mkdir()
+        shutil.copyfile(complete.path, copy)
+        read_anew = describe(copy, implementation="CoSimulation")
+        monkeypatch.setattr("cosim_master.fmi.description.read._described", None)
+        assert describe(copy) == read_anew == replace(complete, path=copy)
+        assert mentions(copy, "height")
+        monkeypatch.setattr(archive, "read_member", None)
+        assert mentions(complete.path, "height")
+
+    def test_what_has_changed_is_read_again(self, complete: FmuDescription) -> None:
+        assert not mentions(complete.path, "depth")
+        with zipfile.ZipFile(complete.path) as packed:
+            text = packed.read("modelDescription.xml")
+        with zipfile.ZipFile(complete.path, "w") as packed:
+            packed.writestr(complete.library, b"")
+            packed.writestr("modelDescription.xml", text.replace(b'"height"', b'"depth"'))
+        assert mentions(complete.path, "depth")
+        assert "depth" in describe(complete.path).variables
 
 
 class TestExtract:

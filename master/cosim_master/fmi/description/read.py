@@ -19,7 +19,7 @@ import sys
 import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path, PurePosixPath
 from platform import machine as machine_name
@@ -108,15 +108,26 @@ def describe(
     given, runs = Path(path), runs or next(iter(runner()), "")
     if not sizes and implementation == "any":
         with suppress(OSError, SystemDescriptionError):  # `_described` says what is wrong with the file
-            found = _known(given.absolute(), _digest(given), runs)
-            return found if found.path == given else replace(found, path=given)
+            found = _known(_Contents(_digest(given), given.absolute()), runs)
+            if found.path == given:
+                return found
+            if found.source_files is None:  # whose notes say where they are
+                return replace(found, path=given)
     return _described(given, sizes, implementation, runs)
 
 
+@dataclass(frozen=True, slots=True)
+class _Contents:
+    """What a file contains, wherever it is: systems that are unpacked or copied have the same FMUs in other places."""
+
+    digest: str
+    path: Path = field(compare=False)
+
+
 @lru_cache(maxsize=64)
-def _known(place: Path, contents: str, runs: str) -> FmuDescription:  # noqa: ARG001
-    """Returns the description of a file with contents of this digest; many runs in a process read it once."""
-    return _described(place, None, "any", runs)
+def _known(file: _Contents, runs: str) -> FmuDescription:
+    """Returns the description of a file with these contents; many runs in a process read it once."""
+    return _described(file.path, None, "any", runs)
 
 
 def _described(path: Path, sizes: Mapping[str, int] | None, implementation: str, runs: str) -> FmuDescription:
@@ -146,13 +157,13 @@ def mentions(path: Path, name: str) -> bool:
     contents = ""
     with suppress(OSError):  # `archive` says what is wrong with the file
         contents = _digest(path)
-    return _mentioned(path.absolute(), contents, name)
+    return _mentioned(_Contents(contents, path), name)
 
 
 @lru_cache(maxsize=1024)
-def _mentioned(path: Path, contents: str, name: str) -> bool:  # noqa: ARG001
-    """Returns `mentions` of a file with contents of this digest, which are read once in a process."""
-    data = archive.read_member(path, "modelDescription.xml", str(path), limit=_MAX_DESCRIPTION_BYTES)
+def _mentioned(file: _Contents, name: str) -> bool:
+    """Returns `mentions` of a file with these contents, which are read once in a process."""
+    data = archive.read_member(file.path, "modelDescription.xml", str(file.path), limit=_MAX_DESCRIPTION_BYTES)
     if data is None or not name.isidentifier():  # other names may be escaped
         return data is not None
     found = re.finditer(
