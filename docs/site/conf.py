@@ -5,6 +5,7 @@ from importlib.metadata import version as installed
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
+ROOT = Path(__file__).parents[2]
 
 project = "uav-cosim"
 version = release = installed("uav-cosim")
@@ -12,7 +13,8 @@ language = "en"
 
 root_doc = "docs/site/index"
 include_patterns = ["*.md", "docs/*.md", "docs/site/*.md", "benchmarks/README.md"]
-exclude_patterns = [".*", "build", "cosim", "dist", "examples", "fmus", "master", "models", "out", "site", "tests"]
+_READ = {include.partition("/")[0] for include in include_patterns}
+exclude_patterns = [one.name for one in ROOT.iterdir() if one.is_dir() and one.name not in _READ]  # none is searched
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton", "declarations"]
 myst_heading_anchors = 4
