@@ -118,9 +118,10 @@ def test_the_throughput_of_slotted_aloha(load: float) -> None:
     links = frozenset((f"n{i}", "n0") for i in range(1, nodes))
     air = slotted(nodes, topology="listed", links=links)
     chance = np.random.default_rng(int(100 * load))
+    sent = packet(1)
     for slot in range(slots):
         for node in chance.choice(nodes - 1, size=min(chance.poisson(load), nodes - 1), replace=False):
-            air.send(slot * SLOT - int(chance.integers(0, SLOT)), f"n{node + 1}", packet(1))
+            air.send(slot * SLOT - int(chance.integers(0, SLOT)), f"n{node + 1}", sent)
         air.end(slot * SLOT)
     air.end((slots + 100) * SLOT)
     throughput = air.outcomes()["radio"] / slots
