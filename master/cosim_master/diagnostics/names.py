@@ -10,6 +10,7 @@ import difflib
 import fnmatch
 import re
 from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
 
 __all__ = ["alike", "did_you_mean", "divided", "is_pattern", "matching", "near", "near_pattern", "similar"]
 
@@ -30,6 +31,8 @@ def is_pattern(text: str) -> bool:
 
 def matching(pattern: str, names: Iterable[str]) -> list[str]:
     """Returns the names that match a pattern, in their original order."""
+    if not is_pattern(pattern):
+        return [name for name in names if name == pattern]
     match = _matcher(pattern)
     return [name for name in names if match(name)]
 
@@ -41,12 +44,16 @@ def divided(pattern: str, names: Sequence[str]) -> list[tuple[Callable[[str], ob
         The ways to divide it: whether a prefix matches the first part, and the names that match the rest. A prefix and
         a name match the whole pattern if they match in one of these ways.
     """
+    if not is_pattern(pattern):
+        known = {*names}
+        return [(pattern[:i].__eq__, [pattern[i:]]) for i in range(len(pattern) + 1) if pattern[i:] in known]
     # A "*" may end the first part, begin the rest, or both.
     ends = [(i, j) for i in range(len(pattern) + 1) for j in ((i - 1, i) if pattern[i - 1 : i] == "*" else (i,))]
     found = ((_matcher(pattern[:end]), matching(pattern[begin:], names)) for end, begin in ends)
     return [(head, rest) for head, rest in found if rest]
 
 
+@lru_cache(maxsize=4096)  # a study has the same patterns in all its runs
 def _matcher(pattern: str) -> Callable[[str], object]:
     return re.compile(fnmatch.translate(pattern.replace("[", "[[]"))).match
 
