@@ -154,10 +154,11 @@ def mentions(path: Path, name: str) -> bool:
     Raises:
         SystemDescriptionError: the file is not a ZIP archive, or has a description that is too large.
     """
-    contents = ""
-    with suppress(OSError):  # `archive` says what is wrong with the file
-        contents = _digest(path)
-    return _mentioned(_Contents(contents, path), name)
+    try:
+        file = _Contents(_digest(path), path)
+    except OSError:  # `archive` says what is wrong with the file
+        return _mentioned.__wrapped__(_Contents("", path), name)
+    return _mentioned(file, name)
 
 
 @lru_cache(maxsize=1024)
