@@ -9,12 +9,12 @@ import logging
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.slaves.isolated import Isolation, Scope
-from cosim_master.results.reading.read import signals
 from cosim_master.system import shipped
 
 SYSTEMS: dict[str, dict[str, Any]] = {
@@ -45,7 +45,7 @@ def test_every_fmu_alone(fmus: Path, tmp_path: Path, caplog: pytest.LogCaptureFi
         here = recorded(file, tmp_path / f"{file.stem}-here", "none", until=0.5)
         there = recorded(file, tmp_path / f"{file.stem}-there", "all", until=0.5)
         assert here == there, file.name
-        assert signals(tmp_path / f"{file.stem}-there").num_rows > 1
+        assert pq.read_metadata(tmp_path / f"{file.stem}-there" / "signals.parquet").num_rows > 1
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
