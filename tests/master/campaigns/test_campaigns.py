@@ -261,7 +261,7 @@ def lines(folder: Path) -> int:
 
 @lru_cache(maxsize=1)
 def _rows(folder: Path, files: tuple[tuple[str, int, int], ...]) -> int:
-    return read_runs(folder).num_rows
+    return int(read_runs(folder).num_rows)
 
 
 @pytest.mark.slow
