@@ -453,13 +453,24 @@ def test_an_fmu_that_hangs_is_ended_by_the_second_signal(probes: Any, tmp_path: 
     assert signals(tmp_path / "out")["time"].to_pylist() == [k / 100 for k in range(121)]
 
 
-@pytest.mark.skipif(shutil.which("timeout") is None, reason="timeout(1)")
-def test_timeout_ends_a_run_as_ctrl_c_does(probes: Any, tmp_path: Path) -> None:
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_a_signal_to_the_process_and_its_group_ends_a_run_as_ctrl_c_does(probes: Any, tmp_path: Path) -> None:
+    """timeout(1) sends it to both, one after the other."""
     probes.fmu(step=0.01)
     system = probes.ssd(probes.component("a"), stop=1e6)
-    command = ["timeout", "4", *COMMAND, str(system), "-o", "out"]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert ended.returncode == 124, ended.stderr
+    command = [*COMMAND, str(system), "-o", "out", "--pace", "1"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True, start_new_session=True
+    ) as running:
+        log = tmp_path / "calls.txt"
+        while running.poll() is None and not (log.exists() and "step 1 " in log.read_text()):
+            time.sleep(0.05)
+        for send in (os.kill, os.killpg):
+            send(running.pid, signal.SIGTERM)
+        said, errors = running.communicate(timeout=300)
+    assert running.returncode == 130, errors
+    assert said.startswith("interrupted: ")
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "interrupted"
 
 
