@@ -47,8 +47,12 @@ class Factor:
         where = f"factor {self.label}"
         if not self.name:
             raise refusal(where, "has no name; write NAME=VALUES")
-        if self.values and len(set(self.values)) < len(self.values):
-            raise refusal(where, "has a value twice; give each value once")
+        seen: set[float | str] = set()
+        for value in self.values:
+            same = float(value) if _is_number(value) else value
+            if same in seen:
+                raise refusal(where, f"has the value {value} twice; give each value once")
+            seen.add(same)
         if not self.values and not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise refusal(where, f"varies from {self.low:g} to {self.high:g}; give a smaller and a greater number")
         if self.time is not None and not 0.0 < self.time < math.inf:
