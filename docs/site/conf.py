@@ -14,7 +14,8 @@ language = "en"
 root_doc = "docs/site/index"
 include_patterns = ["*.md", "docs/*.md", "docs/site/*.md", "benchmarks/README.md"]
 _READ = {include.partition("/")[0] for include in include_patterns}
-exclude_patterns = [one.name for one in ROOT.iterdir() if one.is_dir() and one.name not in _READ]  # none is searched
+# Sphinx looks through all folders that are not excluded, environments and caches among them.
+exclude_patterns = [one.name for one in ROOT.iterdir() if one.is_dir() and one.name not in _READ]
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton", "declarations"]
 myst_heading_anchors = 4

@@ -12,10 +12,10 @@
 #define REQUEST_NS 100000000LL
 #define MOST_SIGNALS 65
 
-static void (*noting[MOST_SIGNALS])(int); /* Python's */
-static long long first[MOST_SIGNALS];     /* time of the first signal, ns; 0: none since signals_expect */
+static void (*noting[MOST_SIGNALS])(int, siginfo_t *, void *); /* Python's; one of fewer parameters ignores the others */
+static long long first[MOST_SIGNALS]; /* time of the first signal, ns; 0: none since signals_expect */
 
-static void on_signal(int number) {
+static void on_signal(int number, siginfo_t *information, void *context) {
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
     long long at = now.tv_sec * 1000000000LL + now.tv_nsec, none = 0;
@@ -25,7 +25,7 @@ static void on_signal(int number) {
         raise(number); /* when this handler has returned */
         return;
     }
-    noting[number](number);
+    noting[number](number, information, context);
 }
 
 /* Lets the next request go to the handler that is set, and the one after it end the process. Returns 0, or -1 if no
@@ -34,10 +34,10 @@ EXPORT int signals_expect(int number) {
     struct sigaction action;
     if (number < 1 || number >= MOST_SIGNALS || sigaction(number, NULL, &action) != 0) return -1;
     if (action.sa_handler == SIG_DFL || action.sa_handler == SIG_IGN) return -1;
-    if (action.sa_handler != on_signal) {
-        noting[number] = action.sa_handler;
-        action.sa_handler = on_signal;
-        action.sa_flags &= ~(int)SA_RESETHAND;
+    if (action.sa_sigaction != on_signal) {
+        noting[number] = action.sa_sigaction; /* at the place of sa_handler */
+        action.sa_sigaction = on_signal;
+        action.sa_flags = (action.sa_flags & ~(int)SA_RESETHAND) | SA_SIGINFO;
         if (sigaction(number, &action, NULL) != 0) return -1;
     }
     __atomic_store_n(&first[number], 0, __ATOMIC_RELEASE);

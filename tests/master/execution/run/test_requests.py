@@ -52,3 +52,30 @@ def test_without_the_function_in_c_the_second_signal_ends_the_process() -> None:
     program = "from cosim_master.execution.run.faults import requests\nrequests._functions = lambda: None\n" + PROGRAM
     done = subprocess.run([sys.executable, "-c", program, "0", "0"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.split()) == (-signal.SIGTERM, ["1"])
+
+
+OF_AN_FMU = """
+import ctypes, os, signal
+from cosim_master.execution.run.faults.requests import behind, expected
+received = []
+HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+def noted(number, information, context):
+    received.append((number, ctypes.c_int.from_address(information).value))  # si_signo
+handler = HANDLER(noted)
+class Action(ctypes.Structure):  # struct sigaction of glibc
+    _fields_ = [("handler", HANDLER), ("mask", ctypes.c_ubyte * 128), ("flags", ctypes.c_int), ("end", ctypes.c_void_p)]
+libc = ctypes.CDLL(None)
+assert libc.sigaction(15, ctypes.byref(Action(handler=handler, flags=4)), None) == 0  # SA_SIGINFO
+place = ctypes.cast(handler, ctypes.c_void_p).value
+print(expected(15))
+found = (ctypes.c_void_p * 32)()
+libc.sigaction(15, None, found)
+os.kill(os.getpid(), 15)
+print(found[0] == place, behind(15, found[0]) == place, received)
+"""
+
+
+def test_a_handler_that_an_fmu_has_set_gets_all_that_the_system_tells() -> None:
+    """A handler of three parameters reads what they point to."""
+    done = subprocess.run([sys.executable, "-c", OF_AN_FMU], capture_output=True, text=True, check=False)
+    assert (done.stdout.split("\n"), done.stderr) == (["True", "False True [(15, 15)]", ""], "")
