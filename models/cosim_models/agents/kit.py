@@ -65,9 +65,13 @@ from cosim_models.agents.parts.script import NEVER, SCRIPT, WHY, fail, stale
 
 __all__ = [
     "ACCELERATION",
+    "CONDITION",
     "ERRORS",
     "NOTHING_NEW",
+    "PARAMETERS",
     "POSITION",
+    "REASON",
+    "SETPOINTS",
     "STEP_SIZE",
     "VELOCITY",
     "Task",
@@ -134,14 +138,16 @@ ERRORS = {
     6: "guard_p * period must be more than 0 and at most 1: a drone would fly past the bounds of its guard",
 }
 
-_CONDITION = Condition(
+CONDITION = Condition(
     failed=(Task.failed,),
     working=(Task.flying,),
     commanding=(Task.arming, Task.takeoff, Task.ready, Task.flying),
     by="first_step_time",
     reason="failure",
 )
-_REASONS = {**{int(of): text for of, text in WHY.items()}, int(Trouble.not_landed): "its vehicle has not landed"}
+REASON = Reason(
+    (*((int(of), text) for of, text in WHY.items()), (int(Trouble.not_landed), "its vehicle has not landed"))
+)
 
 _WAITING, _READY, _FLYING = int(Task.waiting), int(Task.ready), int(Task.flying)
 _LANDING, _LANDED = int(Task.landing), int(Task.landed)
@@ -171,7 +177,7 @@ def agent_variables(neighbours: int = 16, message_bytes: int = 0) -> tuple[Varia
             description="MAVLink system id of the drone",
         ),
         *neighbour_variables(neighbours),
-        *_PARAMETERS,
+        *PARAMETERS,
         *guard_variables(neighbours),
         PacketOutput(
             "mavlink_tx", capacity=256 + message_bytes, description="to the own autopilot, and a heartbeat to all"
@@ -185,7 +191,7 @@ def agent_variables(neighbours: int = 16, message_bytes: int = 0) -> tuple[Varia
     )
 
 
-_PARAMETERS = (
+PARAMETERS = (
     Parameter("period", unit="s", start=0.2, minimum=0.0, description="of the law"),
     Parameter("first_step_time", unit="s", start=25.0, description="from when on it follows its law"),
     Parameter("takeoff_time", unit="s", start=0.0, description="before which it stays on the ground"),
@@ -216,22 +222,25 @@ _PARAMETERS = (
     Parameter("position_rate", unit="Hz", start=5.0, minimum=0.0, description="of GLOBAL_POSITION_INT asked for"),
     Parameter("timeout", unit="s", start=60.0, minimum=0.0, description="of every state but hovering and flying"),
 )
+SETPOINTS = (
+    Output("setpoint_position", shape=3, unit="m", start=0.0, description="what its law gave last, NED"),
+    Output("setpoint_velocity", shape=3, unit="m/s", start=0.0, description="what its law gave last, NED"),
+    Output("setpoint_acceleration", shape=3, unit="m/s2", start=0.0, description="what its law gave last, NED"),
+)
 _OUTPUTS = (
-    Output("state", type=Task, start=Task.waiting, verdict=_CONDITION, description="what it waits for, or does"),
+    Output("state", type=Task, start=Task.waiting, verdict=CONDITION, description="what it waits for, or does"),
     Output(
         "failure",
         type=Trouble,
         start=Trouble.none,
-        verdict=Reason(tuple(_REASONS.items())),
+        verdict=REASON,
         description="why it has given up",
     ),
     Output("refusal", type=int, start=0, description="MAV_RESULT of the last command that was refused; 0: none"),
     Output("step", type=int, start=0, description="how often its law has been called"),
     Output("position", shape=3, unit="m", start=0.0, description="own measured position, NED from the origin"),
     Output("velocity", shape=3, unit="m/s", start=0.0, description="own measured velocity, NED"),
-    Output("setpoint_position", shape=3, unit="m", start=0.0, description="what its law gave last, NED"),
-    Output("setpoint_velocity", shape=3, unit="m/s", start=0.0, description="what its law gave last, NED"),
-    Output("setpoint_acceleration", shape=3, unit="m/s2", start=0.0, description="what its law gave last, NED"),
+    *SETPOINTS,
 )
 
 

@@ -43,6 +43,7 @@ from cosim_models.autopilot.gcs.record import (
 from cosim_models.autopilot.gcs.sending import can_answer
 from cosim_models.autopilot.gcs.streams import ready, start_streams, stream
 from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, home_here, local_target
+from cosim_models.autopilot.guidance import GUIDANCE, acceleration_to, approach, climb_to
 
 __all__ = ["IdealAutopilot"]
 
@@ -64,23 +65,13 @@ _LAND_LOW = 10.0  # m, LAND_ALT_LOW
 _REACHED = 0.1  # m below the end of the take-off
 _ARRIVED = 2.0  # m, horizontally, WPNAV_RADIUS
 _LANDED_SPEED, _LANDED_TIME = 0.05, 1.0  # m/s and s: slower than commanded for so long is landed
-_BRAKING = 0.5
-"""Share of WPNAV_ACCEL with which it slows down: ArduCopter's speeds and overshoots, which its jerk limit causes."""
 _NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
 
 VARIABLES = pilot_variables(
     (Airframe.point_mass,),
     CopterMode.STABILIZE,
     (
-        real("PSC_POSXY_P", "1/s", 1.0, "horizontal speed over position error", 1e-3),
-        real("PSC_POSZ_P", "1/s", 1.0, "vertical speed over position error", 1e-3),
-        real("PSC_VELXY_P", "1/s", 2.0, "horizontal acceleration over velocity error", 1e-3),
-        real("PSC_VELZ_P", "1/s", 5.0, "vertical acceleration over velocity error", 1e-3),
-        real("WPNAV_SPEED", "cm/s", 1000.0, "greatest horizontal speed"),
-        real("WPNAV_SPEED_UP", "cm/s", 250.0, "greatest speed of climb"),
-        real("WPNAV_SPEED_DN", "cm/s", 150.0, "greatest speed of descent"),
-        real("WPNAV_ACCEL", "cm/s2", 250.0, "greatest horizontal acceleration", 1.0),
-        real("WPNAV_ACCEL_Z", "cm/s2", 100.0, "greatest vertical acceleration", 1.0),
+        *GUIDANCE,
         real("LAND_SPEED", "cm/s", 50.0, "of the descent below 10 m"),
         real("RTL_ALT", "cm", 1500.0, "height above home of the return, if it is not higher already"),
     ),
@@ -167,37 +158,6 @@ _receive = receiver(firmware(_GUIDED, _RTL, _change_mode, _arm, _command, _hear,
 
 
 @kernel
-def square_root_speed(error: float, gain: float, deceleration: float) -> float:
-    """Returns the speed [m/s] with which to approach a target `error` [m] away: ArduPilot's sqrt_controller."""
-    linear = deceleration / (gain * gain)
-    if error <= linear:
-        return gain * error
-    return math.sqrt(2.0 * deceleration * (error - 0.5 * linear))
-
-
-@kernel
-def _approach(m: Any, n: float, e: float) -> None:
-    """Demands a horizontal velocity towards a position."""
-    dn, de = n - m.position[0], e - m.position[1]
-    distance = math.sqrt(dn * dn + de * de)
-    if distance > 0.0:
-        most = m.cruise if m.cruise > 0.0 else 0.01 * m.WPNAV_SPEED
-        speed = min(square_root_speed(distance, m.PSC_POSXY_P, _BRAKING * 0.01 * m.WPNAV_ACCEL), most) / distance
-        m.desired_velocity[0] += speed * dn
-        m.desired_velocity[1] += speed * de
-
-
-@kernel
-def _climb_to(m: Any, d: float) -> None:
-    """Demands a vertical velocity towards a down coordinate."""
-    error = d - m.position[2]
-    speed = square_root_speed(abs(error), m.PSC_POSZ_P, 0.01 * m.WPNAV_ACCEL_Z)
-    m.desired_velocity[2] += (
-        min(speed, 0.01 * m.WPNAV_SPEED_DN) if error > 0.0 else -min(speed, 0.01 * m.WPNAV_SPEED_UP)
-    )
-
-
-@kernel
 def _descend(m: Any, t: float) -> None:
     """Lands where it is, and disarms on the ground."""
     height = m.home[2] - m.position[2]
@@ -215,13 +175,13 @@ def _descend(m: Any, t: float) -> None:
 def _return(m: Any, t: float) -> None:
     """Climbs, flies home and lands."""
     if m.returned:
-        _approach(m, m.home[0], m.home[1])
+        approach(m, m.home[0], m.home[1])
         _descend(m, t)
         return
     height = min(m.home[2] - 0.01 * m.RTL_ALT, m.guided_position[2])
-    _climb_to(m, height)
+    climb_to(m, height)
     if m.position[2] < height + 0.5:
-        _approach(m, m.home[0], m.home[1])
+        approach(m, m.home[0], m.home[1])
         n, e = m.home[0] - m.position[0], m.home[1] - m.position[1]
         m.returned = n * n + e * e < _ARRIVED * _ARRIVED
         m.still_since = -1.0
@@ -241,8 +201,8 @@ def _guide(m: Any, t: float) -> None:
         for i in range(3):
             m.desired_velocity[i] = m.velocity[i]
     if kind in (POSITION, POSITION_VELOCITY, HOLD):
-        _approach(m, m.guided_position[0], m.guided_position[1])
-        _climb_to(m, m.guided_position[2])
+        approach(m, m.guided_position[0], m.guided_position[1])
+        climb_to(m, m.guided_position[2])
     if m.taking_off and m.position[2] <= m.guided_position[2] + _REACHED:
         m.taking_off = False
 
@@ -256,17 +216,10 @@ def _accelerate(m: Any, i: int, command: float) -> None:
 def _act(m: Any) -> None:
     """Commands the acceleration that leads to the desired velocity, within the limits."""
     given = m.mode == _GUIDED and (m.guided_kind == ACCELERATION or m.guided_kind == VELOCITY)
-    an = m.PSC_VELXY_P * (m.desired_velocity[0] - m.velocity[0]) + (m.guided_acceleration[0] if given else 0.0)
-    ae = m.PSC_VELXY_P * (m.desired_velocity[1] - m.velocity[1]) + (m.guided_acceleration[1] if given else 0.0)
-    ad = m.PSC_VELZ_P * (m.desired_velocity[2] - m.velocity[2]) + (m.guided_acceleration[2] if given else 0.0)
-    size, most = math.sqrt(an * an + ae * ae), 0.01 * m.WPNAV_ACCEL
-    if size > most:
-        an *= most / size
-        ae *= most / size
-    most = 0.01 * m.WPNAV_ACCEL_Z
-    _accelerate(m, 0, an)
-    _accelerate(m, 1, ae)
-    _accelerate(m, 2, min(max(ad, -most), most))
+    north, east, down = acceleration_to(m, m.guided_acceleration, given)
+    _accelerate(m, 0, north)
+    _accelerate(m, 1, east)
+    _accelerate(m, 2, down)
     m.motor[3] = 1.0
 
 
@@ -310,8 +263,8 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
         elif m.mode == _LAND:
             _descend(m, t)
         else:
-            _approach(m, m.guided_position[0], m.guided_position[1])
-            _climb_to(m, m.guided_position[2])
+            approach(m, m.guided_position[0], m.guided_position[1])
+            climb_to(m, m.guided_position[2])
     if flies and m.armed:
         _act(m)
     else:

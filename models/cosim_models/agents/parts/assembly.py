@@ -16,7 +16,7 @@ from cosim_models.agents.parts.conversation import NOBODY, heartbeat, next_posit
 from cosim_models.agents.parts.guard import ACCELERATION, NOTHING_NEW, POSITION, VELOCITY
 from cosim_models.agents.parts.script import AgentState, prepare, supervise
 
-__all__ = ["NO_SUM", "Frame", "Hear", "Law", "assembled"]
+__all__ = ["ALL", "NO_SUM", "Frame", "Hear", "Law", "assembled"]
 
 NO_SUM = 4
 """Code of the error of a law that returns no sum of POSITION, VELOCITY and ACCELERATION."""
@@ -28,7 +28,8 @@ Hear = Callable[[Any, int, float], None]
 """A kernel of (record, first byte of a packet in `mavlink_rx`, time [s]) that takes own messages."""
 
 _ARMING, _TAKEOFF, _READY = int(AgentState.arming), int(AgentState.takeoff), int(AgentState.ready)
-_ALL = POSITION + VELOCITY + ACCELERATION
+ALL = POSITION + VELOCITY + ACCELERATION
+"""The largest result of a law."""
 
 
 class Frame(NamedTuple):
@@ -115,7 +116,7 @@ def assembled(frame: Frame, law: Law, hear: Hear | None = None) -> tuple[Any, An
             which = decide(m, t)
             if which < 0:
                 return -which
-            if which > _ALL:
+            if which > ALL:
                 return NO_SUM
             if which != NOTHING_NEW:
                 steer(m, t, which)
