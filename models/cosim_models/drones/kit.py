@@ -87,6 +87,8 @@ _ARMING_DELAY = 2.0  # s between arming and the motors, as in ArduCopter
 _REACHED = 0.95  # fraction of the altitude at which the take-off ends
 _LAND_LOW, _LAND_SPEED = 10.0, 0.5  # m and m/s: LAND_ALT_LOW and LAND_SPEED, ArduCopter's defaults
 _HEARTBEAT_INTERVAL = 1.0  # s
+_OFTEN = ("period", "first_step_time", "takeoff_time", "land_time", "altitude", "timeout", "position_rate")
+"""Parameters that most steps need: their memory is apart from that of the others."""
 _SLACK = 1e-9  # s: tolerance for times that are multiples of the step size up to rounding
 
 ERRORS = {
@@ -130,9 +132,9 @@ def drone_variables(neighbours: int = 16, heard_bytes: int = 16384, **starts: fl
         ),
         Parameter("ground_height", unit="m", start=0.0, description="down coordinate at which the drone stands"),
         Parameter("estimate_ready_time", unit="s", start=2.0, minimum=0.0, description="from when on it arms"),
-        *neighbour_variables(neighbours),
-        *(replace(one, start=starts.get(one.name, one.start)) for one in PARAMETERS),
         *GUIDANCE,
+        *(replace(one, start=starts.get(one.name, one.start), rare=one.name not in _OFTEN) for one in PARAMETERS),
+        *(replace(one, rare=one.rare or one.role == "memory") for one in neighbour_variables(neighbours)),
         *guard_variables(neighbours),
         PacketOutput("mavlink_tx", capacity=256, description="HEARTBEAT, positions and answers, to all"),
         *_OUTPUTS,

@@ -23,8 +23,9 @@ from cosim_master.stepping.observation import Rows, Seen
 
 __all__ = ["SignalRecorder"]
 
-_GROUP_BYTES = 32 << 20
-"""Values of a row group. Each column of a row group takes 20 us, however short it is."""
+_GROUP_BYTES, _WIDE_GROUP_BYTES, _GROUP_ROWS = 32 << 20, 256 << 20, 128
+"""Values of a row group; more in tables so wide that they would have fewer rows, since each column of a row group takes
+20 us, however short it is."""
 _CHUNK_BYTES, _CHUNKS = 1 << 20, 16
 """Values of a chunk, and chunks between the threads. Encoding a row group must not take longer than a run takes to fill
 these."""
@@ -47,7 +48,8 @@ class SignalRecorder:
         self._seen = 0  # rows of the chunk that are taken
         reals, integers, _ = columns.widths
         width = 8 * reals + 4 * integers + 8
-        self._room, self._used = max(16, min(_GROUP_BYTES // width, 1 << 18)), 0
+        wide = min(_WIDE_GROUP_BYTES // width, _GROUP_ROWS)
+        self._room, self._used = max(16, wide, min(_GROUP_BYTES // width, 1 << 18)), 0
         self._group = _Group(columns, self._room)
         self._longest = min(self._room, max(16, _CHUNK_BYTES // width))
         self._chunks = Lent(self._chunk, _CHUNKS)
