@@ -12,6 +12,7 @@ recorded at 10 Hz, packets recorded. For each size two fresh processes:
     line      six degrees of freedom, each hears its two neighbours
     flocking  the shipped system with its drones on a grid; each hears those within 20 m; no packets are recorded
     points    a line of point masses with ideal autopilots, of 80 Hz, agents as in line; no packets are recorded
+    whole     a line of point masses in one FMU each, of 80 Hz; no packets are recorded
 
     python benchmarks/swarm.py [--scenario line] [--drones 5 50 500 1000 2500] [--seconds 20] [--step H] [--threads N]
 """
@@ -62,6 +63,7 @@ class Scenario(NamedTuple):
     fleet: dict[str, str]
     overrides: dict[str, str]
     spacing: float = 10.0
+    layout: str | None = None
 
 
 SCENARIOS = {
@@ -75,6 +77,7 @@ SCENARIOS = {
         {"vehicle": "PointMass", "autopilot": "IdealAutopilot"},
         {"recording.packets": "false"},
     ),
+    "whole": Scenario("line5-points", (10_000, 50_000), {}, {"recording.packets": "false"}, layout="line"),
 }
 PHASE_SECONDS = 1.0
 """Simulated time over which phases are timed, after all drones have taken off."""
@@ -204,6 +207,7 @@ def measure(
         folder / f"{scenario}{drones}",
         fmus=fmus if chosen.name == "line" else None,
         fleet={part: fleet_of(text) for part, text in chosen.fleet.items()},
+        layout=chosen.layout,
         spacing=chosen.spacing,
         until=max(seconds, AIRBORNE + PHASE_SECONDS),
     )

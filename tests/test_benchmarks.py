@@ -92,8 +92,9 @@ def test_swarm_flies_and_accounts_for_every_phase(tmp_path: Path, fmus: Path) ->
 
 
 @pytest.mark.slow
-def test_a_swarm_of_point_masses_has_the_step_it_is_given(tmp_path: Path, fmus: Path) -> None:
-    words = ("--scenario", "points", "--drones", "3", "--seconds", "1", "--fmus", str(fmus))
+@pytest.mark.parametrize("scenario", ["points", "whole"])
+def test_a_swarm_of_point_masses_has_the_step_it_is_given(tmp_path: Path, fmus: Path, scenario: str) -> None:
+    words = ("--scenario", scenario, "--drones", "3", "--seconds", "1", "--fmus", str(fmus))
     for step, expected in ((("--step", "0.05"), 0.05), ((), 0.0125)):
         (row,) = benchmark("swarm", tmp_path, *words, *step)["rows"]
         assert row["base_step"] == expected

@@ -142,7 +142,8 @@ def test_five_keep_their_distance_and_their_leader_stops_at_the_fence(flown: Cal
 
 
 SCENARIOS = (
-    "rendezvous", "formation", "coverage", "flocking", "follower", "tracking", "sweep", "guarded", "windy",
+    "rendezvous", "formation", "coverage", "flocking", "flocking-points", "follower", "tracking", "sweep", "guarded",
+    "windy",
 )  # fmt: skip
 
 

@@ -50,6 +50,7 @@ def test_what_is_repaired_is_what_the_run_would_have_left(
     """Byte for byte, with row groups that end where those of the run would, beside a run that ended there."""
     monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 200_000)
     monkeypatch.setattr("cosim_master.results.recording.signals._GROUP_BYTES", 150_000)
+    monkeypatch.setattr("cosim_master.results.recording.signals._GROUP_ROWS", 1)
     monkeypatch.setattr("cosim_master.results.recording.packet_log._GROUP", 100)
     cut, ended = tmp_path / "cut", tmp_path / "ended"
     with pytest.raises(RuntimeError, match="power cut at 3 s"):

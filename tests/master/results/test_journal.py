@@ -133,6 +133,7 @@ def test_the_verbs_read_it(killed: Path) -> None:
 def test_cut_anywhere_the_rows_before_are_read(probes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A row group of 16 rows and one of 5; of the last batch only a part, or zeros behind it."""
     monkeypatch.setattr("cosim_master.results.recording.signals._GROUP_BYTES", 1)
+    monkeypatch.setattr("cosim_master.results.recording.signals._GROUP_ROWS", 1)
     probes.fmu(step=0.1)
     out = broken_off(probes.ssd(probes.component("a", u=1.0), stop=9.0), tmp_path / "out", 2.0)
     journal = out / "unfinished" / "signals.arrows"
@@ -333,6 +334,7 @@ def test_a_disk_that_is_full(
 
     monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 1)
     monkeypatch.setattr("cosim_master.results.recording.signals._GROUP_BYTES", 1)
+    monkeypatch.setattr("cosim_master.results.recording.signals._GROUP_ROWS", 1)
     probes.fmu(step=0.01)
     system, out = probes.ssd(probes.component("a", u=1.0), stop=1.0), tmp_path / "out"
     with monkeypatch.context() as full:

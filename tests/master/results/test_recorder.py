@@ -119,9 +119,24 @@ def test_more_rows_than_a_block_holds(probes: Any, tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 1)  # sixteen rows, the least
     probes.fmu(step=0.01)
     monkeypatch.setattr("cosim_master.results.recording.signals._GROUP_BYTES", 20 * (8 + 4 + 8))
+    monkeypatch.setattr("cosim_master.results.recording.signals._GROUP_ROWS", 1)
     simulate(probes.ssd(probes.component("a"), stop=0.5), RunOptions(out=tmp_path / "out", record=["a.y", "a.c"]))
     file = pq.ParquetFile(tmp_path / "out" / "signals.parquet")
     assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [20, 20, 11]
+    assert file.read()["time"].to_pylist() == [k / 100 for k in range(51)]
+
+
+@pytest.mark.parametrize(("most", "rows"), [(100, [32, 19]), (25, [25, 25, 1]), (10, [20, 20, 11])])
+def test_row_groups_of_wide_tables_have_more_rows_within_a_limit(
+    probes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int, rows: list[int]
+) -> None:
+    """A row has 20 bytes; 20 rows of it are a row group as others are, `most` rows the largest one."""
+    probes.fmu(step=0.01)
+    for name, value in (("_GROUP_BYTES", 20 * 20), ("_WIDE_GROUP_BYTES", most * 20), ("_GROUP_ROWS", 32)):
+        monkeypatch.setattr(f"cosim_master.results.recording.signals.{name}", value)
+    simulate(probes.ssd(probes.component("a"), stop=0.5), RunOptions(out=tmp_path / "out", record=["a.y", "a.c"]))
+    file = pq.ParquetFile(tmp_path / "out" / "signals.parquet")
+    assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == rows
     assert file.read()["time"].to_pylist() == [k / 100 for k in range(51)]
 
 

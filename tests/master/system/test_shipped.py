@@ -37,6 +37,7 @@ def test_a_system_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert shipped.names() == (
         "coverage",
         "flocking",
+        "flocking-points",
         "follower",
         "formation",
         "guarded",
@@ -45,6 +46,7 @@ def test_a_system_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         "line5-ends",
         "line5-estimated",
         "line5-hexa",
+        "line5-points",
         "line5-script",
         "rendezvous",
         "sweep",
@@ -87,7 +89,7 @@ def test_a_folder_that_is_no_system(file: str, said: str, tmp_path: Path, monkey
         ("lin5", r'lin5: no such file or folder; give .* a shipped system \(did you mean "line5"\?\)'),
         ("LINE5", r'shipped system \(did you mean "line5"\?\)'),
         ("fmus/Own.fmu", r"^fmus/Own\.fmu: no such file; uav-cosim build makes FMUs"),
-        ("tanks", r'shipped system \(valid: "coverage", "flocking", "follower", '),
+        ("tanks", r'shipped system \(valid: "coverage", "flocking", "flocking-points", '),
     ],
 )
 def test_a_name_that_is_not_there(name: str, said: str) -> None:
