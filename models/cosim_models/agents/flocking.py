@@ -32,6 +32,31 @@ _EPSILON, _A, _H, _H_OBSTACLE, _RANGE = 0.1, 5.0, 0.2, 0.9, 1.2
 _OBSTACLES = 4
 
 
+def _obstacle(name: str, description: str) -> Any:
+    return Parameter(name, shape=_OBSTACLES, unit="m", start=0.0, description=description)
+
+
+FLOCK: tuple[Variable, ...] = (
+    Parameter("distance", unit="m", start=10.0, minimum=0.1, description="between neighbours of the flock"),
+    Parameter("c_alpha", unit="1/s2", start=0.2, minimum=0.0, description="gain of the gradients"),
+    Parameter("damping", unit="1/s", start=2.0, minimum=0.0, description="of velocities relative to neighbours"),
+    Parameter("c1", unit="1/s2", start=0.005, minimum=0.0, description="gain of the way to the virtual leader"),
+    Parameter("c2", unit="1/s", start=0.3, minimum=0.0, description="gain of its velocity"),
+    Parameter("goal", shape=2, unit="m", start=0.0, description="the virtual leader's place, north and east"),
+    Parameter("goal_velocity", shape=2, unit="m/s", start=0.0, description="its velocity, north and east"),
+    Parameter("goal_time", unit="s", start=0.0, description="when it is at `goal`"),
+    _obstacle("obstacle_north", "centre of each cylinder"),
+    _obstacle("obstacle_east", "centre of each cylinder"),
+    _obstacle("obstacle_radius", "of each cylinder; 0: there is none"),
+    Parameter("clearance", unit="m", start=8.0, minimum=0.1, description="within which an obstacle pushes"),
+    Parameter("c_obstacle", unit="1/s2", start=2.0, minimum=0.0, description="gain of its push"),
+    Parameter("damping_obstacle", unit="1/s", start=0.5, minimum=0.0, description="of velocities towards it"),
+    Parameter("acceleration_limit", unit="m/s2", start=2.5, minimum=0.0, description="of the law"),
+    Parameter("response", unit="s", start=0.5, minimum=0.0, description="time constant of the vehicle's velocity"),
+)
+"""The parameters of the law."""
+
+
 @kernel
 def _sigma_norm(length: float) -> float:
     return (sqrt(1.0 + _EPSILON * length * length) - 1.0) / _EPSILON
@@ -108,31 +133,6 @@ def flocking(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     m.setpoint_velocity[0] = m.velocity[0] + m.response * north
     m.setpoint_velocity[1] = m.velocity[1] + m.response * east
     return VELOCITY
-
-
-def _obstacle(name: str, description: str) -> Any:
-    return Parameter(name, shape=_OBSTACLES, unit="m", start=0.0, description=description)
-
-
-FLOCK: tuple[Variable, ...] = (
-    Parameter("distance", unit="m", start=10.0, minimum=0.1, description="between neighbours of the flock"),
-    Parameter("c_alpha", unit="1/s2", start=0.2, minimum=0.0, description="gain of the gradients"),
-    Parameter("damping", unit="1/s", start=2.0, minimum=0.0, description="of velocities relative to neighbours"),
-    Parameter("c1", unit="1/s2", start=0.005, minimum=0.0, description="gain of the way to the virtual leader"),
-    Parameter("c2", unit="1/s", start=0.3, minimum=0.0, description="gain of its velocity"),
-    Parameter("goal", shape=2, unit="m", start=0.0, description="the virtual leader's place, north and east"),
-    Parameter("goal_velocity", shape=2, unit="m/s", start=0.0, description="its velocity, north and east"),
-    Parameter("goal_time", unit="s", start=0.0, description="when it is at `goal`"),
-    _obstacle("obstacle_north", "centre of each cylinder"),
-    _obstacle("obstacle_east", "centre of each cylinder"),
-    _obstacle("obstacle_radius", "of each cylinder; 0: there is none"),
-    Parameter("clearance", unit="m", start=8.0, minimum=0.1, description="within which an obstacle pushes"),
-    Parameter("c_obstacle", unit="1/s2", start=2.0, minimum=0.0, description="gain of its push"),
-    Parameter("damping_obstacle", unit="1/s", start=0.5, minimum=0.0, description="of velocities towards it"),
-    Parameter("acceleration_limit", unit="m/s2", start=2.5, minimum=0.0, description="of the law"),
-    Parameter("response", unit="s", start=0.5, minimum=0.0, description="time constant of the vehicle's velocity"),
-)
-"""The parameters of the law."""
 
 
 class Flocking(Model):
