@@ -111,6 +111,10 @@ def drone_variables(neighbours: int = 16, heard_bytes: int = 16384, **starts: fl
         heard_bytes: that a drone can receive in a step; a position takes 40.
         starts: start values of the agent kit's parameters, where they differ.
     """
+    guard = guard_variables(neighbours)
+    guard, own = (
+        tuple(replace(one, start=starts.get(one.name, one.start)) for one in of) for of in (guard, PARAMETERS)
+    )
     return (
         PacketInput("mavlink_rx", capacity=heard_bytes, description="from other drones, and commands, by radio"),
         Parameter(
@@ -133,9 +137,9 @@ def drone_variables(neighbours: int = 16, heard_bytes: int = 16384, **starts: fl
         Parameter("ground_height", unit="m", start=0.0, description="down coordinate at which the drone stands"),
         Parameter("estimate_ready_time", unit="s", start=2.0, minimum=0.0, description="from when on it arms"),
         *GUIDANCE,
-        *(replace(one, start=starts.get(one.name, one.start), rare=one.name not in _OFTEN) for one in PARAMETERS),
+        *(replace(one, rare=one.name not in _OFTEN) for one in own),
         *(replace(one, rare=one.rare or one.role == "memory") for one in neighbour_variables(neighbours)),
-        *guard_variables(neighbours),
+        *guard,
         PacketOutput("mavlink_tx", capacity=256, description="HEARTBEAT, positions and answers, to all"),
         *_OUTPUTS,
         Memory("payload", dtype="u1", shape=255),

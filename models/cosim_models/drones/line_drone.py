@@ -3,7 +3,7 @@
 The line runs east from the origin; a position on it is the distance east of the origin. As in `LineAgent`, step #1 is
 the start (k = 0), and #2 begins with the law's first set-point (k = 1). The law uses the last position that was heard
 of each neighbour. A neighbour that has not been heard for `stale_time` keeps its last position, unless no neighbour is
-heard: then the drone stays. `kit` has what differs from three FMUs.
+heard: then the drone stays. A guard acts once in a step, so that it has to be slow (`guard_p`). `kit` has what differs from three FMUs.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class LineDrone(Model):
 
     step_size = STEP_SIZE
     variables = (
-        *drone_variables(_NEIGHBOURS, 8192, period=3.1875, position_rate=4.0),
+        *drone_variables(_NEIGHBOURS, 8192, period=3.1875, position_rate=4.0, guard_p=0.25),
         Parameter("left_sysid", type=int, start=0, minimum=0, maximum=255, description="western neighbour; 0: none"),
         Parameter("right_sysid", type=int, start=0, minimum=0, maximum=255, description="eastern neighbour; 0: none"),
         Parameter("stubborn", type=bool, start=False, description="stay at the start position"),
