@@ -3,7 +3,8 @@
 The line runs east from the origin; a position on it is the distance east of the origin. As in `LineAgent`, step #1 is
 the start (k = 0), and #2 begins with the law's first set-point (k = 1). The law uses the last position that was heard
 of each neighbour. A neighbour that has not been heard for `stale_time` keeps its last position, unless no neighbour is
-heard: then the drone stays. A guard acts once in a step, so that it has to be slow (`guard_p`). `kit` has what differs from three FMUs.
+heard: then the drone stays. A guard acts once in a step, so that it has to be slow (`guard_p`). `kit` has what differs
+from three FMUs.
 """
 
 from __future__ import annotations
