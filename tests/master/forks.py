@@ -25,9 +25,17 @@ from importlib import import_module
 from cosim_master.cli import main
 import cosim_master.execution.simulate
 
-for name in ("pydantic.functional_validators", "pydantic.type_adapter", "pyarrow.acero", "matplotlib.figure"):
+# What commands import as they go, but nothing that reads the environment, which is another one in a fork.
+for name in (
+    "typer", "typer._adapters", "rich.console", "rich.live", "rich.progress", "rich.table", "rich._emoji_codes",
+    "pydantic.functional_validators", "pydantic.type_adapter", "pyarrow.acero", "matplotlib.backends.backend_svg",
+    "matplotlib.figure", "matplotlib.style", "pymavlink.dialects.v20.ardupilotmega", "http.client", "webbrowser",
+    "fmpy.validation", "cosim.build", "cosim.messages", "cosim_master.network.radio.logs",
+    "cosim_master.results.export.formats", "cosim_master.results.reading.comparison",
+    "cosim_master.system.authoring.swarm.new",
+):
     with suppress(ImportError):
-        import_module(name)  # what commands, and typer for them, import as they go
+        import_module(name)
 gc.collect()
 gc.freeze()  # otherwise, the collection at the end of a fork copies all memory, which takes as long as the imports
 assert threading.active_count() == 1
