@@ -184,11 +184,15 @@ def build_all(
     """
     how: dict[str, Any] = {"interpreted": interpreted, "targets": targets, "fmi": fmi, "checked": checked}
 
-    def elsewhere(model: type[Model]) -> bool:
+    fresh: dict[type[Model], Built] = {}
+    stale: list[type[Model]] = []
+    for model in models:
         file, _, _, stamp = _wanted(model, folder, **how)
-        return "." in model.__module__ and _up_to_date(file, stamp) is None
-
-    stale = [model for model in models if elsewhere(model)]
+        built = _up_to_date(file, stamp)
+        if built is None:
+            stale += [model] if "." in model.__module__ else []
+        elif not stamp["checked"]:  # otherwise `build` looks for doubts
+            fresh[model] = built
     if len(stale) < 2:
         stale = []
     stale.sort(key=_source_size, reverse=True)  # the longest build starts first
@@ -211,7 +215,7 @@ def build_all(
                 else:
                     if not building:
                         tell([model.__name__])
-                    yield build(model, folder, **how)
+                    yield fresh[model] if model in fresh else build(model, folder, **how)
         except BaseException:
             for process in {*active_children()} - others:
                 process.terminate()
