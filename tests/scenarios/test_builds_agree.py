@@ -13,7 +13,7 @@ from cosim_master.fmi.description.read import describe
 from cosim_master.system import shipped
 from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
 
-CHECKED = ("line5", "line5-estimated", "line5-hexa", "rendezvous")
+CHECKED = ("line5", "line5-estimated", "line5-hexa", "line5-points", "flocking-points", "rendezvous")
 
 
 def models_of(*systems: str) -> list[type[Model]]:
