@@ -212,8 +212,9 @@ class _Unsettled(Exception):
     """The IR of a kernel depends on this process."""
 
 
-_settled: dict[Path, Library] = {}
-"""Libraries that are complete in their files, by file."""
+_settled: dict[str, Library] = {}
+"""Libraries that are complete in their files, by place. They stay when a file disappears, or the folder of all digests
+is another one: two libraries of a kernel could not be linked."""
 
 
 class _Description(NamedTuple):
@@ -359,11 +360,13 @@ def _place(file: Path | None) -> str:
 
 
 def _library(codegen: Any, file: Path, module: Any, callees: Sequence[Library]) -> Library:
+    if (known := _settled.get(_place(file))) is not None:
+        return known
     library = Library(codegen, file.stem)
     library._final_module = module
     library._linking_libraries = list(callees)
     library.is_of_kernel, library.file = True, file
-    _settled[file] = library
+    _settled[_place(file)] = library
     return library
 
 
@@ -372,13 +375,12 @@ def _read(codegen: Any, file: Path) -> tuple[Library, bytes] | None:
     if (code := read_kept(file)) is None:
         return None
     places, description, bitcode = pickle.loads(code)
-    if (library := _settled.get(file)) is not None:
+    if (library := _settled.get(_place(file))) is not None:
         return library, description
     callees = []
     for place in places:
-        callee = file.parent.parent / place
-        if (known := _settled.get(callee)) is None:
-            if (found := _read(codegen, callee)) is None:
+        if (known := _settled.get(place)) is None:
+            if (found := _read(codegen, file.parent.parent / place)) is None:
                 return None
             known = found[0]
         callees.append(known)

@@ -109,6 +109,15 @@ def watered(x):
 """
 
 
+BOTH = """
+@kernel
+def both(x):
+    return watered(x) + poured(x)
+"""
+FIRST_CALL = "from garden.bed import watered; print(watered(1.5))"
+BOTH_CALL = "from garden.bed import both; print(both(1.5))"
+
+
 class Garden:
     """A package whose kernel processes of their own call."""
 
@@ -411,6 +420,27 @@ class TestLoweredKernels:
             command = [sys.executable, "-B", "-c", BY_PATH_CALL, str(garden.folder), name]
             done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
             assert (done.stdout, done.stderr) == ("True\n", ""), name
+
+    @pytest.mark.parametrize("loss", ["emptied", "another"])
+    def test_the_cache_may_be_emptied_or_change_during_a_process(self, garden: Garden, loss: str) -> None:
+        """As in a notebook: what was read is linked with what is lowered, or read elsewhere, later."""
+        bed = garden.folder / "garden/bed.py"
+        bed.write_text(bed.read_text() + BOTH)
+        caches = [garden.folder / name for name in ("cache", "other")]
+        for cache in caches:
+            environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
+            command = [sys.executable, "-B", "-c", "import sys; sys.path.insert(0, sys.argv[1]); " + FIRST_CALL]
+            subprocess.run([*command, str(garden.folder)], env=environment, check=True, capture_output=True)
+            for made in cache.rglob("*.kernel"):
+                made.unlink()
+        environment = {**os.environ, "XDG_CACHE_HOME": str(caches[0])}
+        then = f"shutil.rmtree({str(caches[0])!r})"
+        if loss == "another":
+            then = f"os.environ['XDG_CACHE_HOME'] = {str(caches[1])!r}"
+        program = f"import os, shutil, sys; sys.path.insert(0, sys.argv[1]); {FIRST_CALL}; {then}; {BOTH_CALL}"
+        command = [sys.executable, "-B", "-c", program, str(garden.folder)]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert (done.stdout, done.stderr) == ("4.0\n7.0\n", "")
 
     def test_they_are_made_where_nothing_can_be_written(
         self, lowers: Callable[..., tuple[list[str], str]], tmp_path: Path
