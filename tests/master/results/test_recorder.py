@@ -20,11 +20,14 @@ from pymavlink import mavutil
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
+from cosim_master.network.radio import logs
 from cosim_master.results.reading.read import packets, signals
+from cosim_master.results.recording import packet_log
 from cosim_master.results.recording.packet_log import EPOCH, file_name
 from cosim_master.results.repair import repair
 from cosim_master.results.storage.journal import Journal, goes_on
 from cosim_master.stepping.observation import Seen
+from cosim_master.stepping.warming import kernels_of_runs
 from tests.master.fmus.probe import model
 from tests.master.results.test_journal import broken_off
 
@@ -138,6 +141,25 @@ def test_row_groups_of_wide_tables_have_more_rows_within_a_limit(
     file = pq.ParquetFile(tmp_path / "out" / "signals.parquet")
     assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == rows
     assert file.read()["time"].to_pylist() == [k / 100 for k in range(51)]
+
+
+@pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
+@pytest.mark.parametrize("copied", [-1, 1 << 20])
+def test_logs_are_divided_by_the_kernel_that_a_package_brings(
+    chatters: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, copied: int
+) -> None:
+    """Short blocks are copied, and long ones are the run's own."""
+    numba = pytest.importorskip("numba")
+    divide, called = logs.divide, set()
+
+    def call(*arguments: Any) -> None:
+        called.add(tuple(numba.typeof(one) for one in arguments))
+        divide(*arguments)
+
+    monkeypatch.setattr(logs, "divide", call)
+    monkeypatch.setattr(packet_log, "_COPIED", copied)
+    assert simulate(chatters(), RunOptions(out=tmp_path / "out")).outcome == "done"
+    assert called == {kernels_of_runs()["divide"][1]}
 
 
 def test_recording_and_reading_import_neither_pandas_nor_messages(chatters: Any, tmp_path: Path) -> None:

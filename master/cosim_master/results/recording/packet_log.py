@@ -92,7 +92,9 @@ class PacketLog:
             block = packets.log[self._in_logs :]
             self._in_logs = log
             if block.size <= _COPIED:
-                self._behind.call(partial(self._write_logs, block.copy()))
+                block = block.copy()
+                block.flags.writeable = False  # as the run's own, so that the kernel is compiled for one type
+                self._behind.call(partial(self._write_logs, block))
             else:
                 self._behind.call(partial(self._write_logs, block))
                 self._behind.wait()
