@@ -89,6 +89,7 @@ _LAND_LOW, _LAND_SPEED = 10.0, 0.5  # m and m/s: LAND_ALT_LOW and LAND_SPEED, Ar
 _HEARTBEAT_INTERVAL = 1.0  # s
 _OFTEN = ("period", "first_step_time", "takeoff_time", "land_time", "altitude", "timeout", "position_rate")
 """Parameters that most steps need: their memory is apart from that of the others."""
+_UNSTABLE = 2.0  # gain times step, from which on velocities oscillate
 _SLACK = 1e-9  # s: tolerance for times that are multiples of the step size up to rounding
 
 ERRORS = {
@@ -100,6 +101,7 @@ ERRORS = {
     6: "guard_p * period must be more than 0 and at most 1: a drone would fly past the bounds of its guard",
     7: "PSC_POSXY_P, PSC_POSZ_P, WPNAV_ACCEL and WPNAV_ACCEL_Z must be positive",
     8: "position is no longer finite: are all set-points of the law?",
+    9: "PSC_VELXY_P and PSC_VELZ_P times the step must be less than 2, or velocities oscillate: take shorter steps",
 }
 
 
@@ -109,12 +111,14 @@ def drone_variables(neighbours: int = 16, heard_bytes: int = 16384, **starts: fl
     Args:
         neighbours: largest number of simultaneous neighbours.
         heard_bytes: that a drone can receive in a step; a position takes 40.
-        starts: start values of the agent kit's parameters, where they differ.
+        starts: start values of parameters of the agent kit and its guard, where they differ.
+
+    Raises:
+        ValueError: `starts` names none of these.
     """
     guard = guard_variables(neighbours)
-    guard, own = (
-        tuple(replace(one, start=starts.get(one.name, one.start)) for one in of) for of in (guard, PARAMETERS)
-    )
+    if unknown := starts.keys() - {one.name for one in (*PARAMETERS, *guard)}:
+        raise ValueError(f"{', '.join(sorted(unknown))}: no parameter of the agent kit or its guard")
     return (
         PacketInput("mavlink_rx", capacity=heard_bytes, description="from other drones, and commands, by radio"),
         Parameter(
@@ -137,9 +141,9 @@ def drone_variables(neighbours: int = 16, heard_bytes: int = 16384, **starts: fl
         Parameter("ground_height", unit="m", start=0.0, description="down coordinate at which the drone stands"),
         Parameter("estimate_ready_time", unit="s", start=2.0, minimum=0.0, description="from when on it arms"),
         *GUIDANCE,
-        *(replace(one, rare=one.name not in _OFTEN) for one in own),
+        *(replace(one, start=starts.get(one.name, one.start), rare=one.name not in _OFTEN) for one in PARAMETERS),
         *(replace(one, rare=one.rare or one.role == "memory") for one in neighbour_variables(neighbours)),
-        *guard,
+        *(replace(one, start=starts.get(one.name, one.start)) for one in guard),
         PacketOutput("mavlink_tx", capacity=256, description="HEARTBEAT, positions and answers, to all"),
         *_OUTPUTS,
         Memory("payload", dtype="u1", shape=255),
@@ -405,6 +409,8 @@ def drone_kernels(law: Law) -> tuple[Any, Any]:
 
     @kernel
     def advance(m: Any, t: float, h: float) -> int:
+        if h * max(m.PSC_VELXY_P, m.PSC_VELZ_P) >= _UNSTABLE:
+            return 9
         m.mavlink_tx_len = 0
         if m.mavlink_rx_len > 0:
             _listen(m, t)

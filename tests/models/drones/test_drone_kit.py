@@ -213,6 +213,26 @@ def test_a_drone_that_cannot_climb_gives_up() -> None:
     assert drone.m.state_since == pytest.approx(4.0 + 10.0, abs=0.0126)
 
 
+def test_a_drone_that_does_not_come_down_in_time_gives_up_and_hovers() -> None:
+    drone = flying(0.0125, land_time=30.0, timeout=10.0)
+    drone.until(60.0)
+    assert drone.m.state == Task.failed and drone.m.failure == Trouble.not_landed
+    assert drone.m.state_since == pytest.approx(40.0, abs=0.0126)
+    assert drone.m.armed and 3.0 < drone.up < 7.0
+    assert drone.m.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+
+
+def test_steps_that_are_too_long_are_an_error() -> None:
+    """PSC_VELZ_P is 5 /s: velocities oscillate from steps of 0.4 s on."""
+    Drone(0.39)()
+    Drone(0.4)(code=9)
+
+
+def test_start_values_of_what_does_not_exist_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"^perod: no parameter of the agent kit or its guard$"):
+        drone_variables(perod=1.0)
+
+
 @pytest.mark.parametrize("long", [True, False])
 def test_commands_to_it_are_declined_and_others_ignored(long: bool) -> None:
     station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
