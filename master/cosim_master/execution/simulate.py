@@ -12,6 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from cosim.pages import large_pages
 from cosim_master.diagnostics.errors import (
     CosimError,
     FmuError,
@@ -122,6 +123,7 @@ def simulate(
         scene = Scene()
         if one.plan.federation is not None:
             opened.enter_context(one.plan.federation)
+        opened.enter_context(large_pages(one.memory))
         with Gateways(one.plan.asked, listener.gateway, one.plan.ready.network.dialect) as gateways, reported(scene):
             began, before, calls = time.perf_counter(), ProcessState.present(), WatchedCalls()
             try:
@@ -171,6 +173,13 @@ class _Run:
         told = tuple(told_parts(parts, self.plan.ready, chosen))
         plan = replace(self.plan, packets=packets)
         return replace(self, plan=plan, transport=transport, cut=chosen, parts=told)
+
+    @property
+    def memory(self) -> int:
+        """Returns roughly the memory that the instances of this process take, with their share of all else, bytes."""
+        everywhere = self.plan.ready.checked.instances
+        own = len(everywhere) if self.cut is None or self.transport is None else self.cut.count(self.transport.part)
+        return own * 100_000
 
     def view(self) -> View:
         return View(self.plan.layout, self.plan.ready.every, self.plan.ready.clock.seconds(1))
@@ -410,6 +419,7 @@ def take_part(system: str | PathLike[str], options: RunOptions, transport: Trans
             plan = planned(structure, options, checkpoint, Mailbox() if mailbox else None)
             one = _Run(plan, Listener(), Control(), None)
             one = one.in_parts(transport)
+        opened.enter_context(large_pages(one.memory))
         execution = one.opened(WatchedCalls(), scene)
         assert isinstance(execution, PartExecution)
         scene.begin(execution.slaves, execution.plan, lambda: execution.state.time)

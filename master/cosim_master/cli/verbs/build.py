@@ -136,6 +136,7 @@ def _not_built(model: type[Model], *, as_json: bool) -> dict[str, Any]:
 def _loop_compiled(models: list[str] | None, tell: Callable[[str], None]) -> Iterator[None]:
     """Compiles the stepping loop, which the first run needs, in a separate process while FMUs of systems are built."""
     from cosim.kernel import has_code
+    from cosim.pages import variables
 
     loop = Path(__file__).parents[2] / "stepping" / "kernels" / "macro_step.py"
     only_models = models and not any(name in shipped.names() for name in models)
@@ -144,7 +145,10 @@ def _loop_compiled(models: list[str] | None, tell: Callable[[str], None]) -> Ite
         return
     code = "from cosim_master.stepping.warming import EVERY_RUN, compile_loop; compile_loop(EVERY_RUN)"
     # The process has its own session, so that Ctrl-C reaches only this process, which then ends the other.
-    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.DEVNULL, start_new_session=True)
+    environment = {**os.environ, **variables()}
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.DEVNULL, start_new_session=True, env=environment
+    )
     try:
         yield
         if process.poll() is None:

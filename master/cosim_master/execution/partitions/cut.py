@@ -79,6 +79,10 @@ class Cut:
         """Returns the numbers of the instances of the other parts."""
         return frozenset(i for i, one in enumerate(self.of_instance) if one != part)
 
+    def count(self, part: int) -> int:
+        """Returns how many instances a part has."""
+        return self.of_instance.count(part)
+
     def share(self, part: int, layout: Layout, network: Network) -> Share:
         """Returns the share of a part."""
         reals, ints = self.passed_on(part, layout, network)
