@@ -420,6 +420,26 @@ def test_no_part_of_a_page_is_left_on_a_full_disk(
     assert (tmp_path / file).stat().st_size > 1000
 
 
+def test_no_part_of_a_module_of_messages_is_left_on_a_full_disk(run: Any, tmp_path: Path) -> None:
+    fields = "".join(f'<field type="float" name="f{i}"/>' for i in range(40))
+    (tmp_path / "swarm.xml").write_text(
+        f'<mavlink><messages><message id="42100" name="BID">{fields}</message></messages></mavlink>'
+    )
+    with room_of(1000):
+        assert run("dialect", "swarm.xml", "-o", "swarm.py") == (2, "", "error: swarm.py: File too large\n")
+    assert not (tmp_path / "swarm.py").exists()
+    assert run("dialect", "swarm.xml", "-o", "swarm.py")[0] == 0
+    assert (tmp_path / "swarm.py").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("words", [("view", "none", "--rerun"), ("export", "none", "--csv", "none/deep/r.csv")])
+def test_no_folder_is_made_where_no_run_is(run: Any, tmp_path: Path, words: tuple[str, ...]) -> None:
+    code, stdout, stderr = run(*words)
+    assert (code, stdout) == (2, "")
+    assert "error: none: not the folder of a run: there is no such folder; a run prints its own" in stderr
+    assert not (tmp_path / "none").exists()
+
+
 def test_export(run: Any, system: Path, tmp_path: Path) -> None:
     assert run("run", str(system), "-o", "results", "--record", "?.y")[0] == 0
     code, stdout, _ = run("export", "results", "--csv", "r.csv")

@@ -242,14 +242,17 @@ def test_compiling_the_loop_is_said_and_loading_it_is_not() -> None:
 
     said = Said()
     loop, other = function("cosim_master.stepping.kernels.macro_step"), function("somebody")
+    small = function("cosim_master.network.radio.logs")
     with compiling(said):
         assert loop(1) == 2
         assert other(1) == 2
+        assert small(1) == 2
         assert loop(2) == 3
     assert function("cosim_master.stepping.kernels.macro_step")(1) == 2, "outside of the block"
     assert said.stages == [
         ("compiling the stepping loop (once, about 30 s)", True),
         ("compiling somebody.step (once)", False),
+        ("compiling cosim_master.network.radio.logs.step (once)", False),
     ]
 
 

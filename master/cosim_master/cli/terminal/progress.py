@@ -207,7 +207,7 @@ def compiling(doing: Activity) -> Iterator[None]:
             self.depth += 1
             if self.depth == 1:
                 function = happened.data["dispatcher"].py_func
-                if function.__module__.startswith("cosim_master."):
+                if function.__module__ == "cosim_master.stepping.kernels.macro_step":
                     doing.stage("compiling the stepping loop (once, about 30 s)", long=True)
                 else:
                     doing.stage(f"compiling {function.__module__}.{function.__qualname__} (once)")

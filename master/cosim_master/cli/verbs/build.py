@@ -17,6 +17,7 @@ from cosim_master.cli.terminal.options import Json
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 from cosim_master.diagnostics.names import near, similar
+from cosim_master.files.whole import write_whole
 from cosim_master.system import shipped
 
 if TYPE_CHECKING:
@@ -172,11 +173,11 @@ def dialect(
     with errors(as_json=as_json):
         try:
             messages = read_xml(xml)
-            module.write_text(module_source(messages, xml.name), encoding="utf-8")
+            write_whole(module, module_source(messages, xml.name).encode())
         except ValueError as error:
             raise usage(str(error)) from None
         except OSError as error:
-            raise usage(f"{error.filename}: {error.strerror}") from None
+            raise usage(f"{error.filename or module}: {error.strerror}") from None
         if as_json:
             print_json({"files": [str(module)], "messages": list(messages)})
         else:

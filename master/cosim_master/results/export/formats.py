@@ -15,6 +15,7 @@ from typing import Protocol, cast
 
 from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.results.export.options import Options
+from cosim_master.results.storage.manifest_file import NAME, no_run
 
 __all__ = ["FORMATS", "Exporter", "Format", "export_run", "format_of"]
 
@@ -107,6 +108,8 @@ def export_run(run: Path, one: Format, file: Path, options: Options) -> list[str
         ModuleNotFoundError: the library of the format is not installed.
     """
     module = import_module(f"cosim_master.results.export.{one.name}")
+    if not run.is_dir():  # before folders are made, of which it may be one
+        raise SystemDescriptionError([Problem(Where(str(run)), no_run(run, NAME))])
     try:
         if one.is_folder and file.is_dir() and any(file.iterdir()):
             text = f"the folder is not empty; give a new one for {one.option}"
