@@ -28,6 +28,9 @@ _ZIG = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "zig"
 os.environ.setdefault("ZIG_GLOBAL_CACHE_DIR", str(_ZIG))
 """zig compiles the C runtime into its cache: tests with another cache folder take it from there."""
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+"""As in the command; otherwise, each process of a test waits for matrices with 60 ms of processor time."""
+
 settings.register_profile("search", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("project", settings.get_profile("search"), derandomize=True)
 settings.load_profile("project")

@@ -32,7 +32,11 @@ def main() -> None:
 
     What it imports stays until its end. Python's own limits have it looked through for garbage again and again, and
     once more at the end, which takes a fifth of the processor time of a short run.
+
+    numpy's BLAS computes in one thread unless OPENBLAS_NUM_THREADS says otherwise: sums in several have bits that
+    depend on their number, which matters to FMUs with numpy, and they wait by computing.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported
     gc.set_threshold(50_000, 20, 50)
     atexit.register(gc.freeze)
     app = _imported()

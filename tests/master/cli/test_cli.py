@@ -549,6 +549,18 @@ def test_as_a_process(system: Path, tmp_path: Path) -> None:
     assert "Usage: uav-cosim" in call().stdout + call().stderr
 
 
+THREADS = """
+import os, sys
+from cosim_master.cli import main
+sys.argv[1:] = ["check", "nowhere.ssd"]
+try:
+    main()
+except SystemExit:
+    import numpy
+    print(len(os.listdir("/proc/self/task")))
+"""
+
+
 LOOKED = """
 import atexit, gc, sys
 atexit.register(lambda: print("frozen:", gc.get_freeze_count() > 10_000))  # called last
@@ -600,6 +612,22 @@ def test_errors_as_json_on_a_full_disk_are_still_told(tmp_path: Path) -> None:
 def test_imports_of_a_command_are_not_looked_through_for_garbage(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", LOOKED], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "oldest: 0\nfrozen: True\n"), done.stderr
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted on Linux")
+@pytest.mark.skipif(os.cpu_count() == 1, reason="numpy has one thread for each processor")
+def test_matrices_are_multiplied_in_one_thread_unless_more_are_asked_for(tmp_path: Path) -> None:
+    def threads(**asked_for: str) -> int:
+        environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+        command = [sys.executable, "-c", THREADS]
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment | asked_for, capture_output=True, text=True, check=False
+        )
+        return int(done.stdout)
+
+    alone = threads(OPENBLAS_NUM_THREADS="1")
+    assert threads() == alone
+    assert threads(OPENBLAS_NUM_THREADS="2") > alone
 
 
 def test_dialect(run: Any, tmp_path: Path) -> None:
