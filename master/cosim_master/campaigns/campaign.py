@@ -140,7 +140,7 @@ def sweep(
     first = _first(study)
     place = look_at(study, first)
     groups(study, [first])  # before anything is written: it may refuse the study
-    with Folder(Path(out), study, place.inputs, force=force) as folder:
+    with Folder(Path(out), study, place.inputs, begin=place.begin, force=force) as folder:
         before = len(folder.done)
         made = _Made(study, place, folder, study.count, before, progress)
         if before < study.count:

@@ -154,18 +154,22 @@ def test_a_common_beginning_of_a_run_that_starts_later_than_0(fmus: Path, tmp_pa
         assert (row["outcome"], row["simulated_s"], row["min(time)"]) == ("done", 2.0, 1.0)
 
 
-def test_a_setting_of_the_radio_changes_at_a_checkpoint_as_its_commands_do(fmus: Path, tmp_path: Path) -> None:
-    study = Study(system="line5", factors=(Factor.parsed("network.loss@10=0.5"),), metrics=metrics("packets_lost"),
+@pytest.mark.parametrize("begin", [0, 1])
+def test_a_setting_of_the_radio_changes_at_a_checkpoint_as_its_commands_do(
+    fmus: Path, tmp_path: Path, begin: int
+) -> None:
+    system = copy_of("line5", tmp_path, fmus, lambda text: text.replace('startTime="0"', f'startTime="{begin}"'))
+    study = Study(system=str(system), factors=(Factor.parsed("network.loss@10=0.5"),), metrics=metrics("packets_lost"),
                   until=15.0)  # fmt: skip
     (run,) = study.runs()
     place = look_at(study, run)
     prefix = make_prefix(study, place, run)
     row = perform(study, place, run, prefix).row
-    for command in commands(study, run):
+    for command in commands(study, run, place.begin):
         subprocess.run([COMMAND, *command.split()[1:]], cwd=tmp_path, check=True, capture_output=True)
     manifest = json.loads((tmp_path / "run-0" / "manifest.json").read_text(encoding="utf-8"))
     assert row["packets_lost"] == manifest["packets"]["lost"] > 0
-    assert row["simulated_s"] == 15.0
+    assert row["simulated_s"] == 15.0 - begin
 
 
 def test_a_run_that_fails_is_a_row_with_its_reason(fmus: Path) -> None:

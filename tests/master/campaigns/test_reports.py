@@ -15,6 +15,7 @@ from cosim_master.campaigns.metrics.metric import Metric
 from cosim_master.campaigns.report.analysis import elementary, indices, influence, outliers, read_campaign
 from cosim_master.campaigns.report.drawing import curves, heat_maps
 from cosim_master.campaigns.report.page import write_campaign_report
+from cosim_master.campaigns.report.tables import failures
 from cosim_master.campaigns.study.designs import Design
 from cosim_master.campaigns.study.factors import Factor
 from cosim_master.campaigns.study.study import Study
@@ -24,9 +25,11 @@ from cosim_master.diagnostics.errors import CosimError
 Y = (Metric.parsed("y=packets_lost"),)
 
 
-def made(folder: Path, study: Study, value: Callable[[Mapping[str, float], int], float | None]) -> Path:
+def made(
+    folder: Path, study: Study, value: Callable[[Mapping[str, float], int], float | None], begin: float = 0.0
+) -> Path:
     """A campaign whose metric is a function of the factors and the seed; None: that run failed."""
-    with Folder(folder, study, {}) as written:
+    with Folder(folder, study, {}, begin=begin) as written:
         for run in study.runs():
             numbers = {label: float(text) for label, text in run.values.items()}
             y = value(numbers, run.seed or 0)
@@ -35,6 +38,16 @@ def made(folder: Path, study: Study, value: Callable[[Mapping[str, float], int],
             findings = "contact: drone1.vehicle" if run.run == 2 else ""
             written.add({**row, "reason": reason, "good": y is not None, "y": y, "findings": findings})
     return folder
+
+
+@pytest.mark.parametrize(("begin", "every"), [(0.0, "10"), (1.0, "9")])
+def test_commands_count_checkpoints_from_the_beginning_of_a_run(tmp_path: Path, begin: float, every: str) -> None:
+    study = Study(system="line5", factors=(Factor.parsed("network.loss@10=0.5"),), metrics=Y)
+    table = failures(read_campaign(made(tmp_path / "study", study, lambda *_: None, begin)))
+    assert [row[3] for row in table.rows] == [
+        f"uav-cosim run line5 --checkpoint-every {every} -o run-0-begin\n"
+        "uav-cosim run line5 --from run-0-begin@10 --set network.loss=0.5 -o run-0"
+    ]
 
 
 def ishigami(x: Mapping[str, float], _: int) -> float:

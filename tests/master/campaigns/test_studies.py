@@ -157,11 +157,11 @@ def test_only_what_acts_later_leaves_a_beginning_to_share() -> None:
 
 def test_a_command_repeats_a_run() -> None:
     study = Study(system="line5", factors=factors("drone*.a.b=1,2", "c.d@30=7"), seeds=(5,), until=60.0)
-    assert commands(study, study.runs()[1]) == [
+    assert commands(study, study.runs()[1], 0.0) == [
         "uav-cosim run line5 --set 'drone*.a.b=2' --seed 5 --until 60 --at 30 c.d=7 -o run-1"
     ]
     branched = Study(system="line5", factors=factors("network.loss@30=0.5"), until=60.0)
-    assert commands(branched, branched.runs()[0]) == [
+    assert commands(branched, branched.runs()[0], 0.0) == [
         "uav-cosim run line5 --until 60 --checkpoint-every 30 -o run-0-begin",
         "uav-cosim run line5 --from run-0-begin@30 --set network.loss=0.5 -o run-0",
     ]

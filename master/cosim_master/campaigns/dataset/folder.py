@@ -37,7 +37,7 @@ try:
 except ImportError:  # not POSIX: nothing keeps two campaigns apart there
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["Folder", "is_campaign", "read_runs", "read_study"]
+__all__ = ["Folder", "begin_of", "is_campaign", "read_runs", "read_study"]
 
 _ROWS, _SECONDS = 500, 15.0
 """Rows, and wall-clock seconds, after which the rows of the journal become a part."""
@@ -62,6 +62,11 @@ def read_study(folder: Path) -> tuple[Study, dict[str, Any]]:
         raise refusal(str(folder), "not the folder of a campaign: it has no study.json") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise refusal(str(file), f"not the study of a campaign: {error!r}") from None
+
+
+def begin_of(folder: Path) -> float:
+    """Returns the time at which the runs of a campaign begin, s; 0 for one of an earlier version, which did not say."""
+    return float(json.loads((folder / "study.json").read_text(encoding="utf-8")).get("begin", 0.0))
 
 
 def read_runs(folder: Path | str) -> pa.Table:
@@ -106,6 +111,7 @@ class Folder:
         path: the folder; it is made if necessary.
         study: the study.
         inputs: digests of its system and FMUs, by name.
+        begin: the time at which its runs begin, s.
         force: remove a campaign of other inputs.
 
     Attributes:
@@ -116,8 +122,10 @@ class Folder:
         CosimError: it cannot be written.
     """
 
-    def __init__(self, path: Path, study: Study, inputs: Mapping[str, str], *, force: bool = False) -> None:
-        self.path, self.study, self.schema = path, study, schema_of(study)
+    def __init__(
+        self, path: Path, study: Study, inputs: Mapping[str, str], *, begin: float = 0.0, force: bool = False
+    ) -> None:
+        self.path, self.study, self.schema, self._begin = path, study, schema_of(study), begin
         if not is_campaign(path) and any((path / name).exists() for name in ("manifest.json", "runs", "signals")):
             raise refusal(str(path), "holds something else than a campaign; give another folder")
         try:
@@ -170,7 +178,7 @@ class Folder:
             (self.path / name).unlink(missing_ok=True)
         with self._writing():
             (self.path / "runs").mkdir()
-        self.write_json("study.json", {"study": study.as_json(), "inputs": inputs})
+        self.write_json("study.json", {"study": study.as_json(), "inputs": inputs, "begin": self._begin})
 
     def _rewritten(self, file: Path) -> IO[bytes]:
         """Opens the journal with its complete rows only."""

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from cosim_master.campaigns.dataset.folder import read_runs, read_study
+from cosim_master.campaigns.dataset.folder import begin_of, read_runs, read_study
 from cosim_master.campaigns.study.designs import MORRIS_LEVELS, problem, shares
 from cosim_master.campaigns.study.factors import Factor
 from cosim_master.campaigns.study.study import Planned, Study
@@ -32,11 +32,13 @@ class Finished:
     Attributes:
         folder, study: of the campaign.
         columns: each column of the dataset, in the order of the runs; NaN for missing numbers.
+        begin: the time at which its runs begin, s.
         planned: all runs of the study, those without a row, too; empty for a search, whose rows name the points.
     """
 
     folder: Path
     study: Study
+    begin: float
     columns: Mapping[str, Any]
     planned: Sequence[Planned]
 
@@ -75,7 +77,7 @@ def read_campaign(folder: Path) -> Finished:
         CosimError: the folder holds no campaign, or its dataset is damaged.
     """
     study, _ = read_study(folder)
-    return Finished(folder, study, read_runs(folder).to_pydict(), study.runs())
+    return Finished(folder, study, begin_of(folder), read_runs(folder).to_pydict(), study.runs())
 
 
 # ---- sensitivity ---------------------------------------------------------------------------------------------------

@@ -123,4 +123,4 @@ def findings(campaign: Finished) -> Table:
 
 
 def _repeated(campaign: Finished, row: int) -> str:
-    return "\n".join(commands(campaign.study, campaign.planned_run(row)))
+    return "\n".join(commands(campaign.study, campaign.planned_run(row), campaign.begin))

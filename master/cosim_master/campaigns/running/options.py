@@ -36,8 +36,12 @@ def options_of(
     )  # fmt: skip
 
 
-def commands(study: Study, run: Planned) -> list[str]:
-    """Returns the commands that repeat a run alone, for a shell: two, if a setting changes during it."""
+def commands(study: Study, run: Planned, begin: float) -> list[str]:
+    """Returns the commands that repeat a run alone, for a shell: two, if a setting changes during it.
+
+    Args:
+        begin: the time at which the run begins, s, from which checkpoints are counted.
+    """
     start, later = study.split(run.values)
     common = [*_option("--variant", study.variant), *_option("--solver", study.solver)]
     common += _option("--step", None if study.step is None else f"{study.step:.12g}")
@@ -51,9 +55,9 @@ def commands(study: Study, run: Planned) -> list[str]:
     if not settings:
         return [shlex.join([*words, *at, "-o", folder])]
     time = next(when for when, name, _ in set_later if is_setting(name))
-    begin = [*words, *at, "--checkpoint-every", f"{time:.9g}", "-o", f"{folder}-begin"]
+    first = [*words, *at, "--checkpoint-every", f"{time - begin:.9g}", "-o", f"{folder}-begin"]
     branch = ["uav-cosim", "run", study.system, *common, "--from", f"{folder}-begin@{time:.9g}", *_settings(settings)]
-    return [shlex.join(begin), shlex.join([*branch, *at, "-o", folder])]
+    return [shlex.join(first), shlex.join([*branch, *at, "-o", folder])]
 
 
 def _option(name: str, value: object) -> list[str]:
