@@ -31,8 +31,8 @@ class Finished:
 
     Attributes:
         folder, study: of the campaign.
-        columns: each column of the dataset, in the order of the runs; NaN for missing numbers.
         begin: the time at which its runs begin, s.
+        columns: each column of the dataset, in the order of the runs; NaN for missing numbers.
         planned: all runs of the study, those without a row, too; empty for a search, whose rows name the points.
     """
 
