@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import mmap
 import os
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -29,13 +28,13 @@ def large_pages(size: int) -> Iterator[None]:
     """Has the next memory that malloc hands out, within and in the main thread, lie in pages of 2 MiB.
 
     The heap grows by memory that nobody has touched, which the kernel is advised to have in large pages (``madvise``);
-    what is left of it at the end is returned. Where this cannot be done, memory comes in small pages.
+    what is left of it at the end is returned. Where this cannot be done, memory comes in small pages, as in other
+    threads, which have heaps of their own.
 
     Args:
         size: of that memory, bytes. What is not asked for is never touched; less than 32 MiB is not worth it.
     """
-    # Other threads have heaps of their own, of at most 64 MiB.
-    if size < _WORTH_IT or threading.current_thread() is not threading.main_thread() or not _has_glibc():
+    if size < _WORTH_IT or not _has_glibc():
         yield
         return
     size = -(-size // _PAGE) * _PAGE
@@ -66,12 +65,11 @@ def _in_the_heap(libc: ctypes.CDLL, size: int) -> int | None:
 def variables() -> dict[str, str]:
     """Returns environment variables for a new Python process whose memory is to lie in large pages from its start.
 
-    Python's own allocator, which asks for memory in small pieces, gives way to malloc. What the user has set remains.
+    Python's own allocator, which asks for memory in small pieces, gives way to malloc. Where the user has set either of
+    the two, there are none.
     """
-    if not _has_glibc():
-        return {}
     wanted = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1", "PYTHONMALLOC": "malloc"}
-    return {name: value for name, value in wanted.items() if name not in os.environ}
+    return wanted if _has_glibc() and not wanted.keys() & os.environ.keys() else {}
 
 
 def _has_glibc() -> bool:

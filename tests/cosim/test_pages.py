@@ -80,11 +80,11 @@ def test_a_process_with_the_variables_has_large_pages_from_its_start() -> None:
     assert pages > 50_000
 
 
-def test_what_the_user_has_set_remains(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("PYTHONMALLOC", raising=False)
-    monkeypatch.setenv("GLIBC_TUNABLES", "glibc.malloc.check=1")
-    assert "GLIBC_TUNABLES" not in variables()
-    monkeypatch.setenv("PYTHONMALLOC", "pymalloc")
+@pytest.mark.parametrize(("name", "value"), [("GLIBC_TUNABLES", "glibc.malloc.check=1"), ("PYTHONMALLOC", "debug")])
+def test_where_the_user_has_set_one_there_are_none(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
+    for one in ("GLIBC_TUNABLES", "PYTHONMALLOC"):
+        monkeypatch.delenv(one, raising=False)
+    monkeypatch.setenv(name, value)
     assert variables() == {}
 
 
@@ -92,7 +92,8 @@ def test_another_c_library_gets_no_variables(monkeypatch: pytest.MonkeyPatch) ->
     def unknown(_: str) -> str:
         raise ValueError("unrecognized configuration name")
 
-    monkeypatch.delenv("PYTHONMALLOC", raising=False)
+    for one in ("GLIBC_TUNABLES", "PYTHONMALLOC"):
+        monkeypatch.delenv(one, raising=False)
     monkeypatch.setattr(os, "confstr", unknown)
     assert variables() == {}
 

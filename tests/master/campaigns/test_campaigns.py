@@ -337,7 +337,7 @@ def test_killed_three_times_and_interrupted_it_ends_with_the_same_dataset(fmus: 
     assert pq.read_table(out / "runs").num_rows == 24  # no part has a run that another has
     by_run = {row["run"]: row for row in table.to_pylist()}
     assert all(by_run[row["run"]] == row for row in [*after_first, *after_second, *after_third])
-    study, _ = read_study(out)
+    study, _, _ = read_study(out)
     alone = rows_of(study)
     assert digest_of(table) == digest_of(sorted_table(alone, schema_of(study)))
     kept = pq.read_table(out / "signals", partitioning="hive")

@@ -9,7 +9,8 @@ import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -73,6 +74,21 @@ def test_every_call_of_a_run(probes: Any) -> None:
         *("a: get r", "b: get r"),
         *("a: terminate", "b: terminate", "a: free", "b: free"),
     ]
+
+
+def test_memory_is_asked_for_by_the_number_of_instances(probes: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    @contextmanager
+    def asking(size: int) -> Iterator[None]:
+        asked.append(size)
+        yield
+
+    monkeypatch.setattr("cosim_master.execution.simulate.large_pages", asking)
+    probes.fmu()
+    for names in ("a", "abc"):
+        assert simulate(probes.ssd("".join(map(probes.component, names)), stop=0.5)).outcome == "done"
+    assert asked == [100_000, 300_000]
 
 
 def test_a_chain_of_feed_throughs_is_settled_at_the_start(probes: Any, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numba
 import pyarrow.parquet as pq
 import pytest
 from pymavlink import mavutil
@@ -149,7 +150,6 @@ def test_logs_are_divided_by_the_kernel_that_a_package_brings(
     chatters: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, copied: int
 ) -> None:
     """Short blocks are copied, and long ones are the run's own."""
-    numba = pytest.importorskip("numba")
     divide, called = logs.divide, set()
 
     def call(*arguments: Any) -> None:

@@ -37,7 +37,7 @@ try:
 except ImportError:  # not POSIX: nothing keeps two campaigns apart there
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["Folder", "begin_of", "is_campaign", "read_runs", "read_study"]
+__all__ = ["Folder", "is_campaign", "read_runs", "read_study"]
 
 _ROWS, _SECONDS = 500, 15.0
 """Rows, and wall-clock seconds, after which the rows of the journal become a part."""
@@ -48,8 +48,10 @@ def is_campaign(folder: Path) -> bool:
     return (folder / "study.json").is_file()
 
 
-def read_study(folder: Path) -> tuple[Study, dict[str, Any]]:
-    """Returns the study of a campaign, and the digests of its inputs by name.
+def read_study(folder: Path) -> tuple[Study, dict[str, Any], float]:
+    """Returns the study of a campaign, the digests of its inputs by name, and the time at which its runs begin, s.
+
+    Campaigns of earlier versions do not say when their runs begin; 0 is returned for them.
 
     Raises:
         SystemDescriptionError: the folder holds no campaign, or its study is damaged.
@@ -57,16 +59,11 @@ def read_study(folder: Path) -> tuple[Study, dict[str, Any]]:
     file = folder / "study.json"
     try:
         told = json.loads(file.read_text(encoding="utf-8"))
-        return Study.of_json(told["study"]), dict(told["inputs"])
+        return Study.of_json(told["study"]), dict(told["inputs"]), float(told.get("begin", 0.0))
     except (FileNotFoundError, NotADirectoryError):
         raise refusal(str(folder), "not the folder of a campaign: it has no study.json") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise refusal(str(file), f"not the study of a campaign: {error!r}") from None
-
-
-def begin_of(folder: Path) -> float:
-    """Returns the time at which the runs of a campaign begin, s; 0 for one of an earlier version, which did not say."""
-    return float(json.loads((folder / "study.json").read_text(encoding="utf-8")).get("begin", 0.0))
 
 
 def read_runs(folder: Path | str) -> pa.Table:
@@ -79,7 +76,7 @@ def read_runs(folder: Path | str) -> pa.Table:
         SystemDescriptionError: the folder holds no campaign.
         CosimError: a part is damaged.
     """
-    study, _ = read_study(Path(folder))
+    study, _, _ = read_study(Path(folder))
     return _read(Path(folder), schema_of(study))
 
 
@@ -163,7 +160,7 @@ class Folder:
         """Compares the study with that of the folder, and writes it if there is none."""
         file = self.path / "study.json"
         if file.is_file() and not force:
-            other, held = read_study(self.path)
+            other, held, _ = read_study(self.path)
             names = [name for name in dict.fromkeys([*inputs, *held]) if inputs.get(name) != held.get(name)]
             if other.digest() != study.digest():
                 mine, its = study.as_json(), other.as_json()

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from cosim_master.campaigns.dataset.folder import begin_of, read_runs, read_study
+from cosim_master.campaigns.dataset.folder import read_runs, read_study
 from cosim_master.campaigns.study.designs import MORRIS_LEVELS, problem, shares
 from cosim_master.campaigns.study.factors import Factor
 from cosim_master.campaigns.study.study import Planned, Study
@@ -76,8 +76,8 @@ def read_campaign(folder: Path) -> Finished:
     Raises:
         CosimError: the folder holds no campaign, or its dataset is damaged.
     """
-    study, _ = read_study(folder)
-    return Finished(folder, study, begin_of(folder), read_runs(folder).to_pydict(), study.runs())
+    study, _, begin = read_study(folder)
+    return Finished(folder, study, begin, read_runs(folder).to_pydict(), study.runs())
 
 
 # ---- sensitivity ---------------------------------------------------------------------------------------------------

@@ -53,7 +53,8 @@ def test_a_swarm_with_a_range_is_cut_by_places(fmus: Path, tmp_path: Path, reach
     fleet = {"vehicle": fleet_of("PointMass"), "autopilot": fleet_of("IdealAutopilot")}
     system = new_system("flocking", 16, tmp_path / "grid", fmus=fmus, spacing=8.0, until=1.0, fleet=fleet)
     with read_system(system) as structure:
-        of_node = cut(prepare(check(structure, {"network.range": reach})), 4).of_node
+        found = cut(prepare(check(structure, {"network.range": reach})), 4)
     quarters = [(n // 4 >= 2, n % 4 >= 2) for n in range(16)]
     rows = [n // 4 for n in range(16)]
-    assert len({*zip(of_node, quarters if blocks else rows, strict=True)}) == 4
+    assert len({*zip(found.of_node, quarters if blocks else rows, strict=True)}) == 4
+    assert [found.count(part) for part in range(4)] == [4 * 3] * 4
