@@ -41,7 +41,7 @@ def main() -> None:
     atexit.register(gc.freeze)
     app = _imported()
     _refuse_no_name(sys.argv[1:])
-    app(_joined(sys.argv[1:]))
+    _run(app)
 
 
 def __getattr__(name: str) -> Any:
@@ -73,6 +73,16 @@ def _imported() -> Any:
 def _end(*_: object) -> NoReturn:
     os.write(2, b"error: interrupted\n")
     os._exit(130)
+
+
+def _run(app: Any) -> None:
+    from cosim_master.cli.terminal.console import OutputFailed, report_error
+
+    try:
+        app(_joined(sys.argv[1:]))
+    except OutputFailed as error:  # of --help or --version; verbs have ended by themselves
+        report_error(str(error))
+        sys.exit(1)
 
 
 def _refuse_no_name(arguments: list[str]) -> None:

@@ -6,6 +6,7 @@
     ├── RunFailed                FMUs failed in one macro step: an FmuError for each
     ├── RunTerminated            an FMU wants the simulation to end
     ├── RecordingFailed          results cannot be written any more: the disk is full, for example
+    ├── WriteFailed              a file or folder that was asked for cannot be written
     ├── LoopError                outputs depend on each other at the start, and no values fit
     ├── NotConverged             outputs depend on each other within a step, and do not settle
     └── StepTooSmall             the tolerance cannot be met by steps of the minimum size
@@ -35,6 +36,7 @@ __all__ = [
     "StepTooSmall",
     "SystemDescriptionError",
     "Where",
+    "WriteFailed",
     "counted",
     "within_bounds",
 ]
@@ -124,6 +126,13 @@ class RecordingFailed(CosimError):
 
     def __init__(self, file: str, reason: str) -> None:
         super().__init__(f"{file}: cannot be written: {reason}; what was recorded until then stays readable")
+
+
+class WriteFailed(CosimError):
+    """A file or folder that was asked for cannot be written; what was there before is unchanged."""
+
+    def __init__(self, file: str, reason: str, what: str = "") -> None:
+        super().__init__(f"{file}: {f'{what} ' if what else ''}cannot be written: {reason}")
 
 
 def printable(text: str) -> str:

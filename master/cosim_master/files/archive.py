@@ -13,11 +13,12 @@ import stat
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import ARCHIVE, COMPRESSION, ENCRYPTED, ENTRIES, LARGE_DESCRIPTION, LINK
+from cosim_master.files.whole import replacing
 
 __all__ = ["MAX_BYTES", "MAX_ENTRIES", "member_names", "pack", "read_member", "unpack"]
 
@@ -147,17 +148,10 @@ def _unpack(archive: zipfile.ZipFile, directory: Path, shown: str, limit: int) -
 
 def pack(files: Mapping[str, Path], path: Path) -> None:
     """Writes an archive of files by member name. Its bytes depend only on the names and contents."""
-    part = path.with_name(path.name + ".part")
-    try:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name in sorted(files):
-                entry = zipfile.ZipInfo(name)
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                entry.external_attr = (stat.S_IFREG | 0o644) << 16
-                with files[name].open("rb") as source, archive.open(entry, "w", force_zip64=False) as sink:
-                    shutil.copyfileobj(source, sink)
-        part.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            part.unlink()
-        raise
+    with replacing(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(files):
+            entry = zipfile.ZipInfo(name)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = (stat.S_IFREG | 0o644) << 16
+            with files[name].open("rb") as source, archive.open(entry, "w", force_zip64=False) as sink:
+                shutil.copyfileobj(source, sink)

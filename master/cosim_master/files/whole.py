@@ -1,24 +1,61 @@
-"""Files that are written as a whole, or not at all."""
+"""Files that are written as a whole: after an error, what was there before is still there, and nothing else."""
 
 from __future__ import annotations
 
+import os
+import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["write_whole"]
+from cosim_master.diagnostics.errors import WriteFailed
+
+__all__ = ["replacing", "write_whole", "writing"]
+
+
+@contextmanager
+def replacing(file: Path) -> Iterator[Path]:
+    """Yields the path of a part, to be written beside `file`, which takes its place at the end.
+
+    After an exception, the part is removed and `file` is as it was. A new file has the mode of the one before. The
+    target of a symbolic link is replaced, not the link.
+
+    Raises:
+        OSError: the part cannot be written, or `file` is a folder.
+    """
+    target = file.resolve()
+    part = target.with_name(f".{os.getpid()}.{threading.get_ident()}.part")
+    try:
+        yield part
+        if target.is_file():
+            shutil.copymode(target, part)
+        part.replace(target)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink()
+        raise
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Writes a file and the folders above it. If there is no room for it, as on a full disk, no part of it is left.
+    """Writes a file and the folders above it, or nothing at all. A device or a pipe is written to.
 
     Raises:
         OSError: it cannot be written.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
-    opened = file.open("wb")  # outside: a file that cannot be opened is left as it is
-    try:
-        with opened:
+    if file.is_relative_to("/dev") or (file.exists() and not file.is_file()):
+        with file.open("wb") as opened:
             opened.write(data)
-    except OSError:
-        if file.is_file():  # not a device, or a pipe
-            file.unlink()
-        raise
+    else:
+        with replacing(file) as part:
+            part.write_bytes(data)
+
+
+@contextmanager
+def writing(file: Path | str, what: str = "") -> Iterator[None]:
+    """Turns an OSError into a WriteFailed for `file`, as the user named it, or for something within it ("the page")."""
+    try:
+        yield
+    except OSError as error:
+        raise WriteFailed(str(file), error.strerror or str(error), what) from error

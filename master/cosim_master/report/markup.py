@@ -12,8 +12,7 @@ from base64 import b64encode
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from cosim_master.diagnostics.errors import CosimError
-from cosim_master.files.whole import write_whole
+from cosim_master.files.whole import write_whole, writing
 from cosim_master.report.contents import Table
 
 __all__ = ["escaped", "image", "table", "write_document"]
@@ -66,7 +65,7 @@ def write_document(file: Path, title: str, source: str, body: Iterable[str]) -> 
         body: lines of markup.
 
     Raises:
-        CosimError: the file cannot be written.
+        WriteFailed: the file cannot be written.
     """
     text = _DOCUMENT.format(
         digest=b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode(),
@@ -75,10 +74,8 @@ def write_document(file: Path, title: str, source: str, body: Iterable[str]) -> 
         style=_STYLE,
         body="\n".join(body),
     )
-    try:
+    with writing(file, "the report"):
         write_whole(file, text.encode("utf-8", errors="replace"))
-    except OSError as error:
-        raise CosimError(f"{file}: the report cannot be written: {error.strerror or error}") from error
     return file
 
 

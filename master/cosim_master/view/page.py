@@ -15,8 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cosim_master.diagnostics.errors import CosimError
-from cosim_master.files.whole import write_whole
+from cosim_master.files.whole import write_whole, writing
 from cosim_master.results.storage.run_folder import stamp
 from cosim_master.view.block import compressed
 from cosim_master.view.bundle import read_bundle
@@ -61,15 +60,14 @@ def write_page(run: Path, file: Path | None = None) -> Path:
         The file written.
 
     Raises:
-        CosimError: the run is not complete or recorded nothing, or the file cannot be written.
+        CosimError: the run is not complete or recorded nothing.
+        WriteFailed: the file cannot be written.
     """
     file = file or run / "view.html"
     document, block = replay(run)
     text = page_text(document, block.text(), source=stamp(run))
-    try:
+    with writing(file, "the page"):
         write_whole(file, text.encode())
-    except OSError as error:
-        raise CosimError(f"{file}: the page cannot be written: {error.strerror or error}") from error
     return file
 
 

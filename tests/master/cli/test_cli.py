@@ -405,15 +405,17 @@ def test_swap_and_run(run: Any, system: Path, probes: Any, tmp_path: Path) -> No
         (("view", "results", "--no-open"), "results/view.html"),
         (("report", "results"), "results/report.html"),
         (("graph", "s.ssd"), "test.svg"),
+        (("new", "agent", "mine.py"), "mine.py"),
+        (("pack", "s.ssd", "-o", "s.ssp"), "s.ssp"),
     ],
 )
-def test_no_part_of_a_page_is_left_on_a_full_disk(
+def test_no_part_of_a_file_is_left_on_a_full_disk(
     run: Any, system: Path, tmp_path: Path, words: tuple[str, ...], file: str
 ) -> None:
     assert run("run", str(system), "-o", "results")[0] == 0
     with room_of(1000):
         code, stdout, stderr = run(*words)
-    assert code != 0 and stdout == ""
+    assert (code, stdout) == (1, "")
     assert stderr.startswith(f"error: {file}: ") and stderr.endswith("cannot be written: File too large\n")
     assert not (tmp_path / file).exists()
     assert run(*words)[0] == 0
@@ -426,7 +428,11 @@ def test_no_part_of_a_module_of_messages_is_left_on_a_full_disk(run: Any, tmp_pa
         f'<mavlink><messages><message id="42100" name="BID">{fields}</message></messages></mavlink>'
     )
     with room_of(1000):
-        assert run("dialect", "swarm.xml", "-o", "swarm.py") == (2, "", "error: swarm.py: File too large\n")
+        assert run("dialect", "swarm.xml", "-o", "swarm.py") == (
+            1,
+            "",
+            "error: swarm.py: cannot be written: File too large\n",
+        )
     assert not (tmp_path / "swarm.py").exists()
     assert run("dialect", "swarm.xml", "-o", "swarm.py")[0] == 0
     assert (tmp_path / "swarm.py").stat().st_size > 1000
@@ -547,6 +553,16 @@ def test_as_a_process(system: Path, tmp_path: Path) -> None:
     assert said.startswith("error: nowhere.ssd: ") and all(stage.endswith(" ...") for stage in stages), bad.stderr
     assert "Traceback" not in bad.stderr
     assert "Usage: uav-cosim" in call().stdout + call().stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("words", ["--version", "--help", "run --help"])
+def test_help_on_a_full_disk_is_one_error(tmp_path: Path, words: str) -> None:
+    command = [str(Path(sys.executable).with_name("uav-cosim")), *words.split()]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    error = "error: standard output: cannot be written: No space left on device\n"
+    assert (done.returncode, done.stderr) == (1, error)
 
 
 THREADS = """

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import stat
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from cosim_master.files.whole import write_whole
+from cosim_master.files.whole import replacing, write_whole
 from tests.master.full_disk import room_of
 
 
@@ -14,6 +17,50 @@ def test_a_file_is_written_with_the_folders_above_it(tmp_path: Path) -> None:
     write_whole(tmp_path / "a" / "b" / "c.txt", b"first, longer")
     write_whole(tmp_path / "a" / "b" / "c.txt", b"second")
     assert (tmp_path / "a" / "b" / "c.txt").read_bytes() == b"second"
+
+
+def test_a_file_without_room_leaves_the_one_before(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_bytes(b"before")
+    with room_of(100), pytest.raises(OSError, match="File too large"):
+        write_whole(tmp_path / "a.txt", bytes(101))
+    assert (tmp_path / "a.txt").read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.txt"]
+
+
+def test_a_new_file_has_the_mode_of_the_one_before_and_others_that_of_any_new_file(tmp_path: Path) -> None:
+    (tmp_path / "any.txt").write_bytes(b"")
+    write_whole(tmp_path / "a.txt", b"first")
+    assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "any.txt").stat().st_mode
+    (tmp_path / "a.txt").chmod(0o640)
+    write_whole(tmp_path / "a.txt", b"second")
+    assert stat.S_IMODE((tmp_path / "a.txt").stat().st_mode) == 0o640
+
+
+def test_the_target_of_a_link_is_written(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "a.txt").symlink_to("there/b.txt")
+    for text in (b"first", b"second"):
+        write_whole(tmp_path / "a.txt", text)
+        assert (tmp_path / "a.txt").is_symlink()
+        assert (tmp_path / "there" / "b.txt").read_bytes() == text
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")
+def test_a_pipe_is_written_to(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with ThreadPoolExecutor() as pool:
+        read = pool.submit((tmp_path / "pipe").read_bytes)
+        write_whole(tmp_path / "pipe", b"through")
+        assert read.result() == b"through"
+
+
+def test_what_fails_meanwhile_leaves_the_file_before(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_bytes(b"before")
+    with pytest.raises(KeyboardInterrupt), replacing(tmp_path / "a.txt") as part:
+        part.write_bytes(b"half")
+        raise KeyboardInterrupt
+    assert (tmp_path / "a.txt").read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.txt"]
 
 
 @pytest.mark.parametrize("size", [0, 100, 20000])

@@ -47,6 +47,7 @@ __all__ = [
     "say",
     "set_verbosity",
     "usage",
+    "written",
 ]
 
 
@@ -114,7 +115,8 @@ def is_live() -> bool:
 
 
 @contextmanager
-def _written() -> Iterator[None]:
+def written() -> Iterator[None]:
+    """Raises OutputFailed if standard output cannot be written."""
     try:
         yield
     except BrokenPipeError:  # the reader has had enough, as `head` has
@@ -130,7 +132,7 @@ def _written() -> Iterator[None]:
 def say(text: str) -> None:
     """Prints the result of a verb, unless -q is set."""
     if not _verbosity.quiet:
-        with _written():
+        with written():
             out.print(text, markup=False)
 
 
@@ -160,7 +162,7 @@ def print_json(document: Any) -> None:
     """Prints the JSON document of a verb."""
     _spoken.document = True
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
-    with _written():
+    with written():
         out.print(text, markup=False)
 
 
@@ -169,7 +171,7 @@ def print_tables(tables: Iterable[Table | str]) -> None:
     if not out.is_terminal:
         out.width = 10_000  # a file or a pipe has no width, so each row is one line
     for table in tables:
-        with _written():
+        with written():
             out.print(table, markup=False) if isinstance(table, str) else out.print(table)
 
 

@@ -9,9 +9,16 @@ from importlib.metadata import version
 from typing import Annotated, Any, TypeVar
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
-from cosim_master.cli.terminal.console import OutputFailed, begin_verb, end_verb, report_error, set_verbosity
+from cosim_master.cli.terminal.console import (
+    OutputFailed,
+    begin_verb,
+    end_verb,
+    report_error,
+    set_verbosity,
+    written,
+)
 
 __all__ = ["app", "verb"]
 
@@ -27,8 +34,18 @@ _ORDER = (
 )
 
 
+class _Verb(TyperCommand):
+    def make_context(self, *arguments: Any, **further: Any) -> Any:
+        with written():  # --help is printed while arguments are read
+            return super().make_context(*arguments, **further)
+
+
 class _Verbs(TyperGroup):
     """The verbs in the order in which a user meets them, each with its whole sentence."""
+
+    def make_context(self, *arguments: Any, **further: Any) -> Any:
+        with written():  # and --version
+            return super().make_context(*arguments, **further)
 
     def list_commands(self, ctx: Any) -> list[str]:
         known = super().list_commands(ctx)
@@ -105,7 +122,7 @@ def verb(*examples: str) -> Callable[[F], F]:
         call.__signature__ = own.replace(parameters=[*own.parameters.values(), *switches])  # type: ignore[attr-defined]
         call.__annotations__ = {p.name: p.annotation for p in call.__signature__.parameters.values()}  # type: ignore[attr-defined]
         shown = "".join(f"\n  uav-cosim {example}" for example in examples)
-        app.command(epilog=f"\b\nExample{'s' if len(examples) > 1 else ''}:{shown}")(call)
+        app.command(cls=_Verb, epilog=f"\b\nExample{'s' if len(examples) > 1 else ''}:{shown}")(call)
         return function
 
     return decorate

@@ -17,7 +17,7 @@ from cosim_master.cli.terminal.options import Json
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 from cosim_master.diagnostics.names import near, similar
-from cosim_master.files.whole import write_whole
+from cosim_master.files.whole import write_whole, writing
 from cosim_master.system import shipped
 
 if TYPE_CHECKING:
@@ -173,11 +173,12 @@ def dialect(
     with errors(as_json=as_json):
         try:
             messages = read_xml(xml)
-            write_whole(module, module_source(messages, xml.name).encode())
         except ValueError as error:
             raise usage(str(error)) from None
         except OSError as error:
-            raise usage(f"{error.filename or module}: {error.strerror}") from None
+            raise usage(f"{xml}: {error.strerror}") from None
+        with writing(module):
+            write_whole(module, module_source(messages, xml.name).encode())
         if as_json:
             print_json({"files": [str(module)], "messages": list(messages)})
         else:

@@ -261,7 +261,7 @@ def graph(
     """Draw a system: components, connectors and connections, as SVG."""
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
-        from cosim_master.files.whole import write_whole
+        from cosim_master.files.whole import write_whole, writing
         from cosim_master.system.authoring.draw import graph as drawing
         from cosim_master.system.reading.read import read_system
 
@@ -272,10 +272,8 @@ def graph(
             target = file or Path(f"{structure.name}.svg".replace("/", "_"))
             data = drawing(structure)
         doing.end()
-        try:
+        with writing(target):
             write_whole(target, data)
-        except OSError as error:
-            raise usage(f"{target}: cannot be written: {error.strerror}") from None
         if as_json:
             print_json({"files": [str(target)]})
         else:

@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 import pyarrow as pa
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.files.whole import writing
 from cosim_master.results.export.options import Options
 from cosim_master.results.reading.recorded_signals import open_signals
 
@@ -46,19 +46,18 @@ def export_csv(run: Path, file: Path | TextIO, *, numbers_only: bool = False) ->
         The names of the columns of text, written or omitted, in the order of recording.
 
     Raises:
-        CosimError: the run has no complete signals, or `file` cannot be written.
+        CosimError: the run has no complete signals.
+        WriteFailed: `file` cannot be written.
     """
     with open_signals(run) as signals:
         fields = list(signals.schema_arrow)
         texts = tuple(field.name for field in fields if pa.types.is_string(field.type))
         names = [field.name for field in fields if not (numbers_only and field.name in texts)]
         if isinstance(file, Path):
-            try:
+            with writing(file):
                 file.parent.mkdir(parents=True, exist_ok=True)
                 with file.open("w", encoding="utf-8", newline="\n") as out:
                     _write(out, signals, names)
-            except OSError as error:
-                raise CosimError(f"{file}: cannot be written: {error.strerror or error}") from error
         else:
             _write(file, signals, names)
     return texts

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
-from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where, WriteFailed
 from cosim_master.results.export.options import Options
 from cosim_master.results.storage.manifest_file import NAME, no_run
 
@@ -104,7 +104,8 @@ def export_run(run: Path, one: Format, file: Path, options: Options) -> list[str
 
     Raises:
         SystemDescriptionError: the folder holds no run, or the one to write is not empty.
-        CosimError: the recording lacks data for this format, or the file cannot be written.
+        CosimError: the recording lacks data for this format.
+        WriteFailed: the file cannot be written.
         ModuleNotFoundError: the library of the format is not installed.
     """
     module = import_module(f"cosim_master.results.export.{one.name}")
@@ -125,9 +126,9 @@ def export_run(run: Path, one: Format, file: Path, options: Options) -> list[str
     except BrokenPipeError:
         if str(file) == "-":  # the reader has had enough, as `head` has
             raise
-        raise CosimError(f"{file}: cannot be written: its reader has gone") from None
+        raise WriteFailed(str(file), "its reader has gone") from None
     except OSError as error:
-        raise CosimError(f"{file}: cannot be written: {error.strerror or error}") from error
+        raise WriteFailed(str(file), error.strerror or str(error)) from error
 
 
 def _remove(files: Iterable[Path]) -> None:

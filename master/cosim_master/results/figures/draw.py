@@ -23,7 +23,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.files.whole import writing
 from cosim_master.results.figures.motion import (
     draw_altitude,
     draw_errors,
@@ -65,12 +65,13 @@ def figures(
         The files written.
 
     Raises:
-        CosimError: the run is not complete, there is nothing to draw, or a file cannot be written.
+        CosimError: the run is not complete, or there is nothing to draw.
+        WriteFailed: a file cannot be written.
     """
     folder = folder or run
     files: list[Path] = []
     drawn_of = ""
-    try:
+    with writing(folder, "figures"):
         for name, figure in drawn(run, signals):
             if not files:
                 drawn_of = stamp(run)
@@ -78,8 +79,6 @@ def figures(
             for suffix in formats:
                 files.append(folder / f"{name}.{suffix}")
                 figure.savefig(files[-1], metadata=_metadata(suffix, drawn_of))
-    except OSError as error:
-        raise CosimError(f"{folder}: figures cannot be written: {error.strerror or error}") from error
     return files
 
 

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ from cosim_master.diagnostics.limitations import (
     FMPY_TRANSFORMATION,
     FMPY_ZERO,
 )
+from cosim_master.files.whole import writing
 from cosim_master.fmi.description.read import Variable
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance, FlatConnection
@@ -71,8 +73,8 @@ def convert(system: str | Path, folder: Path, engine: str | None = None) -> Conv
         engine: one of ENGINES; None writes an SSP for ourselves.
 
     Raises:
-        SystemDescriptionError: the system is invalid or has no equivalent in the format, or the folder exists or cannot
-            be written.
+        SystemDescriptionError: the system is invalid or has no equivalent in the format, or the folder exists.
+        WriteFailed: the folder cannot be written.
     """
     with read_system(system) as structure:
         checked = check(structure)
@@ -83,7 +85,7 @@ def convert(system: str | Path, folder: Path, engine: str | None = None) -> Conv
         if folder.exists():
             raise _refused(folder, "exists already; give a folder that does not")
         writing = _Writing(checked, engine)
-        try:
+        with _new(folder):
             (folder / "resources").mkdir(parents=True)
             sources = _copied(checked, folder)
             document = writing.osp(sources) if engine == "libcosim" else writing.ssd(sources)
@@ -93,9 +95,18 @@ def convert(system: str | Path, folder: Path, engine: str | None = None) -> Conv
                 writing.values().write(
                     folder / f"{PARAMETERS}.ssv", xml_declaration=True, encoding="UTF-8", pretty_print=True
                 )
-        except OSError as error:
-            raise _refused(folder, f"cannot be written: {error}") from None
         return Converted(file, tuple(writing.notes))
+
+
+@contextmanager
+def _new(folder: Path) -> Iterator[None]:
+    """Removes the folder again after an error."""
+    with writing(folder):
+        try:
+            yield
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
 
 
 def _refused(path: Path, text: str) -> SystemDescriptionError:

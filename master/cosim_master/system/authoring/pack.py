@@ -20,7 +20,7 @@ from pathlib import Path, PurePosixPath
 
 from lxml import etree
 
-from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where, WriteFailed
 from cosim_master.files import archive
 from cosim_master.system.authoring.text.sources import Reference, references
 from cosim_master.system.flatten.check import check
@@ -53,8 +53,8 @@ def pack(system: str | Path, out: Path, *, variant: str | None = None, overwrite
         overwrite: whether `out` may exist.
 
     Raises:
-        SystemDescriptionError: the system is invalid, it is a multi-model or an FMU, or `out` exists or cannot be
-            written. Then nothing has been written.
+        SystemDescriptionError: the system is invalid, it is a multi-model or an FMU, or `out` exists.
+        WriteFailed: `out` cannot be written. In both cases, nothing has been written.
     """
     given = Path(system)
     _refuse(given, out, overwrite=overwrite)
@@ -121,8 +121,7 @@ def _write(packing: _Packing, checked: CheckedSystem, out: Path) -> None:
             raise SystemDescriptionError([Problem(Where(str(out)), "would be another system: please report this")])
         part.replace(out)
     except OSError as error:
-        text = f"cannot be written: {error.strerror or error}"
-        raise SystemDescriptionError([Problem(Where(str(out)), text)]) from None
+        raise WriteFailed(str(out), error.strerror or str(error)) from error
     finally:
         with suppress(OSError):
             part.unlink()

@@ -25,6 +25,7 @@ from lxml import etree
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import INNER_FILE
 from cosim_master.files import archive
+from cosim_master.files.whole import write_whole
 from cosim_master.files.xml_edit import Document, Edit, Node, applied, tag_text
 from cosim_master.system import shipped
 from cosim_master.system.authoring.swap import documents, rebased
@@ -137,9 +138,7 @@ def _into_copy(structure: SystemStructure, system: System, changed: Mapping[Path
 
 def _write(texts: Mapping[Path, bytes]) -> None:
     for path, text in texts.items():
-        part = path.with_name(path.name + ".part")
-        part.write_bytes(text)
-        part.replace(path)
+        write_whole(path, text)
 
 
 def _replace(texts: Mapping[Path, bytes], structure: SystemStructure, system: System, document: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from string import Template
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
-from cosim_master.files.whole import write_whole
+from cosim_master.files.whole import write_whole, writing
 from cosim_master.system import shipped
 
 __all__ = ["commands_of", "new_model"]
@@ -23,8 +23,8 @@ def new_model(kind: str, file: Path) -> str:
         The name of the model; of a channel, that of its file.
 
     Raises:
-        SystemDescriptionError: the kind does not exist, the file exists or cannot be written, or its name is not that
-            of a Python module.
+        SystemDescriptionError: the kind does not exist, the file exists, or its name is not that of a Python module.
+        WriteFailed: the file cannot be written.
     """
     templates = shipped.templates()
     if kind not in templates:
@@ -37,10 +37,8 @@ def new_model(kind: str, file: Path) -> str:
         raise _refusal(str(file), "exists already")
     name = "".join(word[:1].upper() + word[1:] for word in file.stem.split("_"))
     text = Template(templates[kind].read_text(encoding="utf-8")).substitute(name=name, file=file.as_posix())
-    try:
+    with writing(file):
         write_whole(file, text.encode())
-    except OSError as error:
-        raise _refusal(str(file), f"cannot be written: {error.strerror or error}") from None
     return name if f"class {name}" in text else file.stem
 
 

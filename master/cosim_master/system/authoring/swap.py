@@ -17,6 +17,7 @@ from typing import Any, TypeAlias
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern, similar
 from cosim_master.files import archive
+from cosim_master.files.whole import write_whole, writing
 from cosim_master.fmi.description.read import FmuDescription, describe
 from cosim_master.system import shipped
 from cosim_master.system.authoring.fitting import companions, having, lacking, misfits
@@ -58,7 +59,8 @@ def swap(
     Raises:
         SystemDescriptionError: the system is invalid, the component does not exist, or the FMU does not match its
             connectors and parameters; all mismatches are reported at once, but of an FMU that lacks many connectors
-            only these. Or `out` cannot be written. Then nothing has been written.
+            only these. Then nothing has been written.
+        WriteFailed: `out`, or a file of the system that is changed in place, cannot be written.
     """
     with read_system(system) as structure:
         chains = _chains(structure, component)
@@ -466,13 +468,11 @@ class _Edition:
 
     def write(self) -> None:
         """Writes the new system to a temporary place first, so that a failure leaves no half-written files."""
-        try:
+        with writing(self.root):
             if self.in_place and not self.packing:
                 self._write_changed()
             else:
                 self._write_new()
-        except OSError as error:
-            raise _refusal(str(self.root), f"cannot be written: {error.strerror or error}") from None
 
     def _write_new(self) -> None:
         self.root.parent.mkdir(parents=True, exist_ok=True)
@@ -503,6 +503,4 @@ class _Edition:
             if content != self.base / place
         ]
         for path, content in sorted(changed, key=lambda item: item[0].exists()):
-            part = path.with_name(path.name + ".part")
-            part.write_bytes(content)
-            part.replace(path)
+            write_whole(path, content)

@@ -17,12 +17,13 @@ import pyarrow.parquet as pq
 import pytest
 from lxml import etree
 
-from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.diagnostics.errors import SystemDescriptionError, WriteFailed
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.convert import ENGINES, convert
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
+from tests.master.full_disk import room_of
 from tests.master.system.reading.test_osp import _LIBCOSIM, needs_libcosim
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -226,6 +227,12 @@ def test_an_ssp_is_written_for_others_only(nested: Path, tmp_path: Path) -> None
         convert(nested, tmp_path / "made", "ecos")
     with read_system(tmp_path / "made") as structure:
         assert not structure.problems
+
+
+def test_a_full_disk_leaves_no_folder(nested: Path, tmp_path: Path) -> None:
+    with room_of(100), pytest.raises(WriteFailed, match="made: cannot be written: File too large"):
+        convert(nested, tmp_path / "made", "ecos")
+    assert not (tmp_path / "made").exists()
 
 
 LEVEL = '<SimpleType name="Level"><Enumeration><Item name="low" value="1"/><Item name="high" value="5"/></Enumeration>'

@@ -14,7 +14,7 @@ from lxml import etree
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
-from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.diagnostics.errors import SystemDescriptionError, WriteFailed
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.pack import pack
@@ -196,7 +196,8 @@ def test_what_is_refused(system: Path, tmp_path: Path) -> None:
     assert "exists; give another name, or --force" in refusal(system, there)
     assert "is the system itself" in refusal(there, there, overwrite=True)
     assert pack(system, there, overwrite=True).path.read_bytes() == before
-    assert "x.ssp: cannot be written: Not a directory" in refusal(system, tmp_path / "mm.json" / "in" / "x.ssp")
+    with pytest.raises(WriteFailed, match=r"x\.ssp: cannot be written: Not a directory"):
+        pack(system, tmp_path / "mm.json" / "in" / "x.ssp")
     (tmp_path / "fmus/plant.fmu").unlink()
     assert "does not exist" in refusal(system, there, overwrite=True)
     assert there.read_bytes() == before

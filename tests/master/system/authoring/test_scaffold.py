@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master import signals
-from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.diagnostics.errors import SystemDescriptionError, WriteFailed
 from cosim_master.system import shipped
 from cosim_master.system.authoring.scaffold import commands_of, new_model
 from tests.master.forks import Forks
@@ -118,12 +118,13 @@ def test_requests_that_are_refused(tmp_path: Path) -> None:
     assert "become C identifiers and must be ASCII" in refused("agent", tmp_path / "höhe.py")
     (tmp_path / "there.py").touch()
     assert refused("agent", tmp_path / "there.py") == f"{tmp_path / 'there.py'}: exists already"
-    assert "cannot be written: " in refused("agent", tmp_path / "there.py" / "law.py")
+    with pytest.raises(WriteFailed, match=r"law\.py: cannot be written: "):
+        new_model("agent", tmp_path / "there.py" / "law.py")
 
 
 def test_a_full_disk_leaves_no_part_of_a_file(tmp_path: Path) -> None:
     """The next attempt would say that it exists already."""
     message = r"law\.py: cannot be written: File too large"
-    with room_of(100), pytest.raises(SystemDescriptionError, match=message):
+    with room_of(100), pytest.raises(WriteFailed, match=message):
         new_model("agent", tmp_path / "law.py")
     assert not (tmp_path / "law.py").exists()

@@ -25,7 +25,7 @@ from typing import Any
 
 from lxml import etree
 
-from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where, WriteFailed
 from cosim_master.diagnostics.names import near
 from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.fmi.description.read import FmuDescription
@@ -274,7 +274,8 @@ class Swarm:
         The files are read back, compared and checked; a system that `check` refuses is removed.
 
         Raises:
-            SystemDescriptionError: the folder exists or cannot be written, the swarm is empty, or `check` refuses it.
+            SystemDescriptionError: the folder exists, the swarm is empty, or `check` refuses it.
+            WriteFailed: the folder cannot be written.
         """
         target = Path(folder)
         if target.exists():
@@ -306,8 +307,7 @@ class Swarm:
                 for one in error.problems
             ) from None
         except OSError as error:
-            text = f"cannot be written: {error.strerror or error}"
-            raise SystemDescriptionError([Problem(Where(str(target)), text)]) from None
+            raise WriteFailed(str(target), error.strerror or str(error)) from error
         finally:
             shutil.rmtree(part, ignore_errors=True)
         self._folder = target
