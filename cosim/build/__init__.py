@@ -26,7 +26,7 @@ from traceback import extract_tb
 from types import ModuleType
 from typing import Any, TypedDict
 
-from cosim.build.faults import cut_off, place
+from cosim.build.faults import doubts_of, place
 from cosim.build.interpreted import build_interpreted
 from cosim.build.native.compiled import HOST, TARGETS, CannotCompile, build_compiled
 from cosim.build.sources import Sources, sources_of
@@ -148,7 +148,7 @@ def build(
         RuntimeError: the C compiler failed, pythonfmu contains no binaries, or the FMU cannot be written.
     """
     file, compile_it, sources, stamp = _wanted(model, folder, interpreted, targets, fmi, checked)
-    doubts = tuple(cut_off(model)) if stamp["checked"] else ()
+    doubts = tuple(doubts_of(model)) if stamp["checked"] else ()
     if (built := _up_to_date(file, stamp)) is not None:
         return replace(built, doubts=doubts)
     try:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from cosim.model import Model, record_layout
 
-__all__ = ["cut_off", "faults_of", "place"]
+__all__ = ["doubts_of", "faults_of", "place"]
 
 _NEW_ARRAYS = (
     *("arange", "array", "asarray", "concatenate", "copy", "diag", "empty", "empty_like", "eye", "full", "full_like"),
@@ -79,13 +79,14 @@ def faults_of(model: type[Model], returned: Callable[[Any], Iterable[str]] = lam
     return _told(one for reader in readers for one in reader.faults)
 
 
-def cut_off(model: type[Model]) -> list[str]:
-    """Returns each assignment of the model's kernels that gives a float to an int or bool variable, with file and line.
+def doubts_of(model: type[Model]) -> list[str]:
+    """Returns what compiles in the model's kernels, but is hardly meant, with file and line:
 
-    Such kernels compile: as in NumPy, the assignment cuts the fraction off. Only values are reported that are certainly
-    floats.
+    - assignments that give a float to an int or bool variable: as in NumPy, they cut the fraction off. Only values are
+      reported that are certainly floats;
+    - kernels that return a value on some paths, and end without one on others: their caller then fails in the step.
     """
-    return _told(one for reader in _readers(model) for one in reader.cut_off)
+    return _told(one for reader in _readers(model) for one in reader.doubts)
 
 
 def _told(found: Iterable[tuple[str, int, str]]) -> list[str]:
@@ -147,7 +148,7 @@ class _Reader(ast.NodeVisitor):
         self.records, self.record, self.entry = records, record, entry
         self.tree, self.returns = tree, _type_name(tree.returns) or call.needs
         self.faults: list[tuple[str, int, str]] = []
-        self.cut_off: list[tuple[str, int, str]] = []
+        self.doubts: list[tuple[str, int, str]] = []
         self.calls: list[_Call] = []
         self._needs: dict[ast.expr, str] = {}  # expression -> type that it is said to have
         code = function.__code__
@@ -181,9 +182,14 @@ class _Reader(ast.NodeVisitor):
     def _body(self, tree: ast.FunctionDef) -> None:
         for statement in tree.body:
             self.visit(statement)
+        returns = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
+        if any(one.value is not None for one in returns) and not _always_ends(tree.body):
+            text = (
+                f"{tree.name} ends here without a value, which it returns elsewhere; end it with return and its value"
+            )
+            self.doubts.append((self.file, tree.body[-1].lineno, text))
         if not self.entry:
             return
-        returns = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
         key = f"{tree.name} returns 0, or a key of errors"
         if not returns:
             self._fault(tree.body[-1], f"{key}: end it with return 0")
@@ -344,7 +350,7 @@ class _Reader(ast.NodeVisitor):
             text = (
                 f"{name} is {what}, so the fraction of {ast.unparse(value)} is cut off; declare a float, or write {fix}"
             )
-            self.cut_off.append((self.file, target.lineno, text))
+            self.doubts.append((self.file, target.lineno, text))
 
     def visit_Subscript(self, node: ast.Subscript) -> None:
         shape = self._shape(node.value)
@@ -388,6 +394,22 @@ class _Reader(ast.NodeVisitor):
             for a in (bound.arguments.get(parameter) for parameter in parameters.parameters)
         )
         self.calls.append(_Call(called, given, self._needs.get(node, "")))
+
+
+def _always_ends(body: Sequence[ast.stmt]) -> bool:
+    """Returns whether statements always end in a return, in an exception, or never; False also if that is unknown."""
+    match body[-1] if body else None:
+        case ast.Return() | ast.Raise():
+            return True
+        case ast.If(body=then, orelse=otherwise):
+            return _always_ends(then) and _always_ends(otherwise)
+        case ast.Match(cases=cases):
+            default = isinstance(cases[-1].pattern, ast.MatchAs) and cases[-1].pattern.pattern is None
+            return default and cases[-1].guard is None and all(_always_ends(one.body) for one in cases)
+        case ast.While(test=ast.Constant(value=value), body=loop) if value:
+            return not any(isinstance(node, ast.Break) for one in loop for node in ast.walk(one))
+        case _:
+            return False
 
 
 def _type_name(annotation: ast.expr | None) -> str:

@@ -542,6 +542,32 @@ def test_a_float_that_an_int_would_cut_off_is_doubted(loaded: Any, tmp_path: Pat
     assert build(model, tmp_path / "fmus").doubts == built.doubts, "also when nothing is built"
 
 
+@pytest.mark.parametrize(
+    ("body", "at"),
+    [
+        ("if t > 1.0:\n    return 2", "if t"),
+        ("if t > 1.0:\n    return 2\nm.y = t", "m.y = t"),
+        ("if t > 1.0:\n    return 2\nelif t > 0.5:\n    return 1", "if t"),
+        ("for k in range(3):\n    if t > k:\n        return k", "for k"),
+        ("while True:\n    if t > 1.0:\n        break\n    return 2", "while"),
+        ("if t > 1.0:\n    return 2\nreturn 1", ""),
+        ("if t > 1.0:\n    return 2\nelse:\n    return 1", ""),
+        ("if t > 1.0:\n    return 2\nelse:\n    raise ValueError", ""),
+        ("while True:\n    t += 1.0\n    if t > 5.0:\n        return 3", ""),
+    ],
+)
+def test_a_kernel_that_returns_on_some_paths_only_is_doubted(body: str, at: str, loaded: Any, tmp_path: Path) -> None:
+    """Such kernels compile; a step in which nothing is returned fails."""
+    helper = CALLED.format(body=indent(body, "    "), annotation=": int")
+    model = loaded(tmp_path, "if decide(m, t) & 2 != 0:\n    return 7\nreturn 0", helper)
+    built = build(model, tmp_path / "fmus")
+    lines = (tmp_path / "gauge.py").read_text().splitlines()
+    first = lines.index("def law(m, t):")
+    where = [i for i, text in enumerate(lines[first:], first + 1) if at and text.strip().startswith(at)]
+    text = "law ends here without a value, which it returns elsewhere; end it with return and its value"
+    assert built.doubts == tuple(f"{tmp_path / 'gauge.py'}:{line}: {text}" for line in where[:1])
+
+
 def test_a_description_says_what_it_lacks_and_where(tmp_path: Path) -> None:
     (tmp_path / "bare_model.py").write_text(
         "from cosim import Model, Output\n\n\nclass Bare(Model):\n    variables = (Output('y'),)\n"
