@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,8 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.reading.read import signals
+from cosim_master.verdict.monitors.ages import AgeRule
+from cosim_master.verdict.monitors.rules import LimitRule
 from tests.scenarios.flights import SYSTEMS, copy_of
 
 LAW = """
@@ -34,6 +38,8 @@ FLIGHT = """
   <age from="drone2" to="drone3" most="0.4" start="4" severity="warning"/>
 </monitors>
 """
+GONE = '<age name="gone" from="drone2" to="drone3" most="0.7" start="8" end="true"/>'
+ENDING = FLIGHT.replace("</monitors>", f"{GONE}</monitors>")
 CROSSING = '<monitors xmlns="https://uav-cosim.org/ns/1" interval="0.0075"><order start="20" end="true"/></monitors>'
 START = {
     f"drone{n}.vehicle.position_start[2]": f"{east}" for n, east in zip(range(1, 6), (0, 1, 9, 10, 11), strict=True)
@@ -43,7 +49,7 @@ START = {
 @pytest.fixture(scope="module")
 def variants(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     found = {}
-    for name, monitors in {"law": LAW, "flight": FLIGHT, "crossing": CROSSING}.items():
+    for name, monitors in {"law": LAW, "flight": FLIGHT, "ending": ENDING, "crossing": CROSSING}.items():
         annotation = f'<ssc:Annotation type="org.uav-cosim.monitors">{monitors}</ssc:Annotation></ssd:Annotations>'
         folder = tmp_path_factory.mktemp(name)
         found[name] = copy_of("line5", folder, fmus, lambda text, a=annotation: text.replace("</ssd:Annotations>", a))
@@ -139,3 +145,33 @@ def test_signals_and_packets_have_the_same_bits_and_a_resumed_run_the_same_verdi
     counts = {one["name"]: one["count"] for one in whole.verdict.monitors}
     assert counts["ringing"] >= 5 and counts["age"] >= 2 and counts["speed"] == 0
     assert not plain.verdict.monitors
+
+
+@pytest.mark.slow
+def test_a_monitor_that_ends_the_run_changes_neither_the_others_nor_how_often_they_are_evaluated(
+    variants: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks: Counter[str] = Counter()
+    for rule in (AgeRule, LimitRule):
+
+        def look(self: Any, samples: Any, of: Any = rule.look) -> None:
+            looks[self.monitor.name] += 1
+            of(self, samples)
+
+        monkeypatch.setattr(rule, "look", look)
+    loss = {"network.loss": "0.5", "drone*.autopilot.PSC_VELZ_P": "54.5"}
+    ended = simulate(variants["ending"], RunOptions(overrides=loss, until=12.0))
+    assert ended.outcome == "violated" and 8.0 < ended.simulated_s < 12.0
+    points = round(ended.simulated_s / 0.0025)
+    assert looks["gone"] == points + 1
+    assert looks["speed"] == looks["age"] == math.ceil((points + 1) / 64)
+    alone = simulate(variants["flight"], RunOptions(overrides=loss, until=ended.simulated_s))
+    assert ended.verdict is not None and alone.verdict is not None
+    *others, gone = ended.verdict.monitors
+    assert others == [*alone.verdict.monitors]
+    assert {one["name"]: one["count"] > 0 for one in others if one["name"] != "tilt"} == {
+        "speed": False,
+        "ringing": True,
+        "age": True,
+    }
+    assert (gone["name"], gone["count"]) == ("gone", 1)

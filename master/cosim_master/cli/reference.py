@@ -46,7 +46,7 @@ def _verb(name: str, command: Any) -> Iterator[str]:
     yield "|---|---|---|"
     for p in shown:
         is_option = p.param_type_name == "option"
-        words = ", ".join(f"`{word}`" for word in p.opts) if is_option else f"`{_argument(p)}`"
+        words = ", ".join(f"`{word}`" for word in (*p.opts, *p.secondary_opts)) if is_option else f"`{_argument(p)}`"
         if is_option and p.metavar:
             words += f" `{p.metavar}`"
         cells = (words, p.help, _default(p))

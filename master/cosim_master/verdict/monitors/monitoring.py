@@ -1,12 +1,12 @@
 """The observer of a run that evaluates its monitors.
 
-It copies the monitored values at every communication point, and evaluates some dozens of copies together. If a
-violation may end the run, each copy is evaluated at once. The results do not depend on how copies are grouped.
+It copies the monitored values at every communication point. Monitors that may end the run evaluate each copy at once,
+the others some dozens together. The results do not depend on how copies are grouped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -122,9 +122,9 @@ class Monitoring:
         self._nodes = np.array(nodes, np.int64)
         self.rules: list[Rule] = [self._rule(one) for one in monitors.every]
         self._ending = [rule for rule in self.rules if rule.monitor.ends]
-        self._rows = 1 if self._ending else _LOOKS
-        self._steps = np.zeros(self._rows + 1, np.int64)
-        self._values = np.zeros((self._rows + 1, self._columns.count))
+        self._waiting = [rule for rule in self.rules if not rule.monitor.ends]
+        self._steps = np.zeros(_LOOKS + 1, np.int64)
+        self._values = np.zeros((_LOOKS + 1, self._columns.count))
         self._used = self._new = 0
         self._seen_events = 0
         self._recalled = False
@@ -163,13 +163,14 @@ class Monitoring:
         self._add(seen)
         if self._recalled:
             self._new = self._used
-        elif self._rows == 1:
-            self._evaluate()
+        else:
+            self._look(self._ending, 0)
 
     def stepped(self, seen: Seen) -> None:
-        """Copies the monitored values."""
+        """Copies the monitored values; monitors that may end the run are evaluated."""
         self._add(seen)
-        if self._used - self._new >= self._rows:
+        self._look(self._ending, self._used - 1)
+        if self._used - self._new >= _LOOKS:
             self._evaluate()
 
     def _add(self, seen: Seen) -> None:
@@ -194,13 +195,20 @@ class Monitoring:
 
     def _evaluate(self) -> None:
         """Evaluates the copied values. The last instant is kept, since motions go on from there."""
-        n = self._used
-        steps = self._steps[:n]
-        samples = Samples(steps, self._times(steps), self._values[:n], self._new)
-        for rule in self.rules:
-            rule.look(samples)
-        self._steps[0], self._values[0] = self._steps[n - 1], self._values[n - 1]
+        self._look(self._waiting, self._new)
+        last = self._used - 1
+        self._steps[0], self._values[0] = self._steps[last], self._values[last]
         self._used = self._new = 1
+
+    def _look(self, rules: Sequence[Rule], new: int) -> None:
+        """Has rules look at the copied values from row `new` on, and at the one before."""
+        if not rules:
+            return
+        first = max(0, new - 1)
+        steps = self._steps[first : self._used]
+        samples = Samples(steps, self._times(steps), self._values[first : self._used], new - first)
+        for rule in rules:
+            rule.look(samples)
 
     def closed(self) -> None:
         """Evaluates the remaining instants."""
