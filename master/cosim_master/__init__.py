@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from cosim_master.diagnostics.errors import RunTerminated as RunTerminated
     from cosim_master.diagnostics.errors import StepTooSmall as StepTooSmall
     from cosim_master.diagnostics.errors import SystemDescriptionError as SystemDescriptionError
+    from cosim_master.diagnostics.errors import WriteFailed as WriteFailed
     from cosim_master.execution.options import Listener as Listener
     from cosim_master.execution.options import RunOptions as RunOptions
     from cosim_master.execution.outcome.result import Outcome as Outcome
@@ -82,6 +83,7 @@ _WHERE = {
     "Swarm": "system.authoring.swarm.swarm",
     "SystemDescriptionError": "diagnostics.errors",
     "View": "stepping.observation",
+    "WriteFailed": "diagnostics.errors",
     "check": "system.flatten.check",
     "compare": "results.reading.comparison",
     "convert": "system.authoring.convert",
