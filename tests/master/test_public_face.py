@@ -43,6 +43,7 @@ def test_these_names_and_no_others() -> None:
         "Swarm",
         "SystemDescriptionError",
         "View",
+        "WriteFailed",
         "check",
         "compare",
         "convert",

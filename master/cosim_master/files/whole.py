@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cosim_master.diagnostics.errors import WriteFailed
 
-__all__ = ["replacing", "write_whole", "writing"]
+__all__ = ["is_special", "replacing", "write_whole", "writing"]
 
 
 @contextmanager
@@ -19,13 +19,17 @@ def replacing(file: Path) -> Iterator[Path]:
     """Yields the path of a part, to be written beside `file`, which takes its place at the end.
 
     After an exception, the part is removed and `file` is as it was. A new file has the mode of the one before. The
-    target of a symbolic link is replaced, not the link.
+    target of a symbolic link is replaced, not the link. The part's name has the same end. Devices and pipes are not
+    replaced, but yielded themselves.
 
     Raises:
         OSError: the part cannot be written, or `file` is a folder.
     """
+    if is_special(file):
+        yield file
+        return
     target = file.resolve()
-    part = target.with_name(f".{os.getpid()}.{threading.get_ident()}.part")
+    part = target.with_name(f".{os.getpid()}.{threading.get_ident()}.part{target.suffix}")
     try:
         yield part
         if target.is_file():
@@ -38,18 +42,19 @@ def replacing(file: Path) -> Iterator[Path]:
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Writes a file and the folders above it, or nothing at all. A device or a pipe is written to.
+    """Writes a file and the folders above it, or nothing at all.
 
     Raises:
         OSError: it cannot be written.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
-    if file.is_relative_to("/dev") or (file.exists() and not file.is_file()):
-        with file.open("wb") as opened:
-            opened.write(data)
-    else:
-        with replacing(file) as part:
-            part.write_bytes(data)
+    with replacing(file) as part:
+        part.write_bytes(data)
+
+
+def is_special(file: Path) -> bool:
+    """Returns whether this is a device or a pipe, such as /dev/stdout."""
+    return file.is_relative_to("/dev") or (file.exists() and not file.is_file() and not file.is_dir())
 
 
 @contextmanager

@@ -438,6 +438,30 @@ def test_no_part_of_a_module_of_messages_is_left_on_a_full_disk(run: Any, tmp_pa
     assert (tmp_path / "swarm.py").stat().st_size > 1000
 
 
+def test_a_view_takes_the_place_of_no_other_file(run: Any, system: Path, tmp_path: Path) -> None:
+    assert run("run", str(system), "-o", "results")[0] == 0
+    before = {file: file.read_bytes() for file in (tmp_path / "results").iterdir()}
+    for name in ("results/manifest.json", "results/signals.parquet", "notes.txt"):
+        page = Path(name).with_suffix(".html")
+        text = f"error: -o {name}: a view is an HTML page; name it {page}\n"
+        assert run("view", "results", "--no-open", "-o", name) == (2, "", text)
+    assert {file: file.read_bytes() for file in (tmp_path / "results").iterdir()} == before
+
+
+def test_exports_are_checked_before_any_is_written(run: Any, system: Path, tmp_path: Path) -> None:
+    assert run("run", str(system), "-o", "results")[0] == 0
+    (tmp_path / "taken").touch()
+    code, stdout, stderr = run("export", "results", "--csv", "r.csv", "--tlog", "taken")
+    assert (code, stdout) == (2, "")
+    assert stderr == "error: taken: is a file; --tlog writes a folder: give a new one\n"
+    code, stdout, stderr = run("export", "results", "--csv", "r.csv", "-o", "r.csv")
+    assert (code, stdout) == (2, "")
+    assert stderr == "error: export: r.csv is given twice; give each format a file of its own\n"
+    assert not (tmp_path / "r.csv").exists()
+    code, stdout, stderr = run("export", "results", "--csv", "r.csv", "--tlog", "logs")
+    assert (code, stdout) == (1, "r.csv\n") and "no packets were recorded" in stderr
+
+
 @pytest.mark.parametrize("words", [("view", "none", "--rerun"), ("export", "none", "--csv", "none/deep/r.csv")])
 def test_no_folder_is_made_where_no_run_is(run: Any, tmp_path: Path, words: tuple[str, ...]) -> None:
     code, stdout, stderr = run(*words)

@@ -16,6 +16,7 @@ from cosim_master.cli.terminal.console import announce, errors, note, notes, pri
 from cosim_master.cli.terminal.options import Json, Variant
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
+from cosim_master.files.whole import is_special
 from cosim_master.results.export.formats import FORMATS
 
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run's results.")]
@@ -86,7 +87,7 @@ def _meant(text: str) -> Path:
 
 
 def _is_fmu(path: Path) -> bool:
-    return path.suffix == ".fmu"
+    return path.suffix.lower() == ".fmu"
 
 
 @verb(
@@ -150,6 +151,8 @@ def view(
 ) -> None:
     """Show a run in a browser: one HTML page with its motion, packets, signals, messages and findings."""
     with errors(as_json=as_json), activity() as doing:
+        if file is not None and not rerun and file.suffix.lower() not in (".html", ".htm") and not is_special(file):
+            raise usage(f"-o {file}: a view is an HTML page; name it {file.with_suffix('.html')}")
         doing.stage(f"reading {run}")
         if rerun:
             written = _write_rrd(run, file or run / "view.rrd")
@@ -285,7 +288,7 @@ def export(
     """Write a run in the formats of other tools: tables, logs, tracks."""
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
-        from cosim_master.results.export.formats import export_run, format_of
+        from cosim_master.results.export.formats import check_place, export_run, format_of
         from cosim_master.results.export.options import Options, origin_of_text
 
         wanted = [(one, path) for one in FORMATS if (path := files[one.name]) is not None]
@@ -297,19 +300,25 @@ def export(
             raise usage(f"{others[0]} -: only CSV can be written to standard output; give a file")
         if as_json and any(str(path) == "-" for _, path in wanted):
             raise usage("export: --json and -o - both want standard output; leave out one")
+        if twice := [path for n, (_, path) in enumerate(wanted) if path in [other for _, other in wanted[:n]]]:
+            raise usage(f"export: {twice[0]} is given twice; give each format a file of its own")
+        for one, path in wanted:  # before any is written
+            check_place(run, one, path)
         options = Options(numbers, origin_of_text(origin) if origin else None)
         said: list[str] = []
+        written: list[str] = []
         for one, path in wanted:
             doing.end() if str(path) == "-" else doing.stage(f"writing {path}")
             said += export_run(run, one, path, options)
+            if str(path) != "-":
+                written.append(str(path))
+                if not as_json:
+                    doing.end()
+                    say(str(path))
         doing.end()
         notes(said)
-        written = [str(path) for _, path in wanted if str(path) != "-"]
         if as_json:
             print_json({"files": written, "notes": said})
-            return
-        for name in written:
-            say(name)
 
 
 @verb("repair out/line5")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -21,7 +22,8 @@ __all__ = ["export", "export_csv"]
 
 def export(run: Path, file: Path, options: Options) -> list[str]:
     """Writes a CSV file, or to standard output if `file` is "-"; returns notes."""
-    texts = export_csv(run, sys.stdout if str(file) == "-" else file, numbers_only=options.numbers_only)
+    with nullcontext(sys.stdout) if str(file) == "-" else file.open("w", encoding="utf-8", newline="\n") as out:
+        texts = export_csv(run, out, numbers_only=options.numbers_only)
     if not texts:
         return []
     some = ", ".join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")

@@ -7,17 +7,19 @@ imported when it is used, since each needs a library of its own, which an extra 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
-from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where, WriteFailed
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where, WriteFailed
+from cosim_master.files.whole import is_special, replacing
 from cosim_master.results.export.options import Options
 from cosim_master.results.storage.manifest_file import NAME, no_run
 
-__all__ = ["FORMATS", "Exporter", "Format", "export_run", "format_of"]
+__all__ = ["FORMATS", "Exporter", "Format", "check_place", "export_run", "format_of"]
 
 
 class Exporter(Protocol):
@@ -100,29 +102,22 @@ def format_of(file: Path) -> Format:
 
 
 def export_run(run: Path, one: Format, file: Path, options: Options) -> list[str]:
-    """Writes a run in a format; returns notes. A folder must be new or empty.
+    """Writes a run in a format; returns notes. After an error, what was there before is still there.
 
     Raises:
-        SystemDescriptionError: the folder holds no run, or the one to write is not empty.
+        SystemDescriptionError: as `check_place`.
         CosimError: the recording lacks data for this format.
         WriteFailed: the file cannot be written.
         ModuleNotFoundError: the library of the format is not installed.
     """
-    module = import_module(f"cosim_master.results.export.{one.name}")
-    if not run.is_dir():  # before folders are made, of which it may be one
-        raise SystemDescriptionError([Problem(Where(str(run)), no_run(run, NAME))])
+    export = cast(Exporter, import_module(f"cosim_master.results.export.{one.name}").export)
+    check_place(run, one, file)
     try:
-        if one.is_folder and file.is_dir() and any(file.iterdir()):
-            text = f"the folder is not empty; give a new one for {one.option}"
-            raise SystemDescriptionError([Problem(Where(str(file)), text)])
-        existed = file.exists()
+        if str(file) == "-":
+            return list(export(run, file, options))
         file.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            return list(cast(Exporter, module.export)(run, file, options))
-        except (CosimError, OSError):
-            if not existed and str(file) != "-":
-                _remove([file])
-            raise
+        with _new(file) if one.is_folder else replacing(file) as part:
+            return list(export(run, part, options))
     except BrokenPipeError:
         if str(file) == "-":  # the reader has had enough, as `head` has
             raise
@@ -131,10 +126,38 @@ def export_run(run: Path, one: Format, file: Path, options: Options) -> list[str
         raise WriteFailed(str(file), error.strerror or str(error)) from error
 
 
-def _remove(files: Iterable[Path]) -> None:
-    """Removes files that are incomplete."""
-    for file in files:
-        if file.is_dir():
-            shutil.rmtree(file, ignore_errors=True)
-        else:
-            file.unlink(missing_ok=True)
+def check_place(run: Path, one: Format, file: Path) -> None:
+    """Checks where a run is to be written in a format, before anything is written.
+
+    Files have the end of the format's names, so that none takes the place of something else, such as the recording.
+
+    Raises:
+        SystemDescriptionError: the folder holds no run; or `file` is a folder or has the end of another kind of file;
+            or the folder to be written is a file, or has something in it.
+    """
+    text = ""
+    if not run.is_dir():
+        file, text = run, no_run(run, NAME)
+    elif one.is_folder:
+        if file.is_dir() and any(file.iterdir()):
+            text = f"the folder is not empty; give a new one for {one.option}"
+        elif file.exists() and not file.is_dir():
+            text = f"is a file; {one.option} writes a folder: give a new one"
+    elif file.is_dir():
+        text = f"is a folder; give the name of a file for {one.option}"
+    elif not file.name.lower().endswith(one.suffix) and str(file) != "-" and not is_special(file):
+        text = f"{one.option} writes files whose names end in {one.suffix}; try {file}{one.suffix}"
+    if text:
+        raise SystemDescriptionError([Problem(Where(str(file)), text)])
+
+
+@contextmanager
+def _new(folder: Path) -> Iterator[Path]:
+    """Removes a new folder after an error."""
+    existed = folder.exists()
+    try:
+        yield folder
+    except BaseException:
+        if not existed:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise

@@ -44,7 +44,7 @@ def export(run: Path, file: Path, options: Options) -> list[str]:  # noqa: ARG00
         raise CosimError(f"{run / 'signals.parquet'}: nothing to export: the run recorded no instant")
     if 8 * len(fields) * table.num_rows > _MOST:
         raise CosimError(
-            f"{file}: {len(fields)} signals at {table.num_rows} instants do not fit into MAT 4, whose matrices have "
+            f"{run}: {len(fields)} signals at {table.num_rows} instants do not fit into MAT 4, whose matrices have "
             "less than 2 GiB; record fewer (`uav-cosim run --record`), or export CSV"
         )
     recorded = np.stack([values_of(table.column(one.name)).astype(np.float64) for one in fields])

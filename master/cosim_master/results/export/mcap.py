@@ -5,6 +5,8 @@ The topics are those of `contents.foxglove_topics`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +38,7 @@ def export(run: Path, file: Path, options: Options) -> list[str]:
 
     tracks = read_tracks(run, options)
     context = foxglove.Context()
-    with foxglove.open_mcap(file, allow_overwrite=True, context=context):
+    with _told(), foxglove.open_mcap(file, allow_overwrite=True, context=context):
         rows = np.unique(np.linspace(0, len(tracks.time) - 1, min(len(tracks.time), _PATH)).round().astype(int))
         paths = {track.name: enu(track.position)[rows].tolist() for track in tracks.vehicles}
         first = tracks.stamps[0]
@@ -47,6 +49,15 @@ def export(run: Path, file: Path, options: Options) -> list[str]:
     if tracks.origin is None:
         return ["no LocationFix: no FMU declares the local origin; --origin LATITUDE,LONGITUDE,ALTITUDE gives one"]
     return []
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Turns Foxglove's errors into those of files, which they are: it converts and writes numbers that are known."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
 
 
 def _rotations(track: Track) -> Array:

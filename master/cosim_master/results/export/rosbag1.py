@@ -13,10 +13,12 @@ __all__ = ["export"]
 
 def export(run: Path, file: Path, options: Options) -> list[str]:
     """Writes the bag; returns notes."""
-    from rosbags.rosbag1 import Writer
+    from rosbags.rosbag1 import Writer, WriterError
 
     tracks, store = read_tracks(run, options), ros1_store()
-    file.unlink(missing_ok=True)  # the writer refuses a file that exists
-    with Writer(file) as bag:
-        fill_bag(tracks, bag, store, store.serialize_ros1)
+    try:
+        with Writer(file) as bag:
+            fill_bag(tracks, bag, store, store.serialize_ros1)
+    except WriterError as error:  # a device, for example, which exists already
+        raise OSError(str(error)) from error
     return bag_notes(tracks)

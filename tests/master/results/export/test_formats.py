@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections import Counter, defaultdict
@@ -27,10 +28,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import loadmat
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import CosimError, SystemDescriptionError, WriteFailed
 from cosim_master.results.export.contents import tracks as of_tracks
-from cosim_master.results.export.formats import FORMATS, export_run, format_of
+from cosim_master.results.export.formats import FORMATS, Format, export_run, format_of
 from cosim_master.results.export.options import Options, origin_of_text
+from tests.master.full_disk import room_of
 from tests.master.results.export.conftest import edited, rotation
 from tests.master.view import ros1
 
@@ -334,8 +336,8 @@ def test_origins(flown: Path, tmp_path: Path) -> None:
     run = edited(flown, tmp_path / "a", undeclared)
     for name in ("kml", "gpx"):
         with pytest.raises(CosimError, match=r"no FMU of the run declares the local origin .*; try --origin LATITUDE"):
-            export_run(run, NAMED[name], tmp_path / "no", Options())
-    assert not (tmp_path / "no").exists()
+            export_run(run, NAMED[name], tmp_path / f"no.{name}", Options())
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a"]
     export_run(run, NAMED["gpx"], tmp_path / "a.gpx", Options(origin=origin_of_text("48.1,11.6,520")))
     point = gpx.read_gpx(tmp_path / "a.gpx").trk[0].trkseg[0].trkpt[0]
     assert (float(point.lat), float(point.lon), float(point.ele)) == pytest.approx((48.1, 11.6, 520.0))
@@ -384,8 +386,34 @@ def test_a_run_without_packets_or_vehicles(tmp_path: Path) -> None:
         with pytest.raises(
             CosimError, match=r"nothing to export: the run recorded no component with position\[1\.\.3\]"
         ):
-            export_run(run, NAMED[name], tmp_path / "x", Options())
+            export_run(run, NAMED[name], tmp_path / f"x{NAMED[name].suffix}", Options())
     assert sorted(file.name for file in tmp_path.iterdir()) == ["run"]
+
+
+@pytest.mark.parametrize("one", [one for one in FORMATS if one.suffix], ids=lambda one: one.name)
+def test_without_room_the_file_before_stays(flown: Path, tmp_path: Path, one: Format) -> None:
+    file = tmp_path / f"x{one.suffix}"
+    file.write_bytes(b"before")
+    with room_of(500), pytest.raises(WriteFailed, match=rf"^{re.escape(str(file))}: cannot be written: "):
+        export_run(flown, one, file, Options())
+    assert file.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
+def test_nothing_takes_the_place_of_another_kind_of_file(flown: Path, tmp_path: Path, one: Format) -> None:
+    """Of the recording, above all, which `--csv out/line5/signals.parquet` would have replaced."""
+    file = tmp_path / "signals.parquet"
+    file.write_bytes(b"before")
+    writes = f"writes files whose names end in {one.suffix}; try {file}{one.suffix}"
+    text = f"{one.option} {writes}" if one.suffix else f"is a file; {one.option} writes a folder: give a new one"
+    with pytest.raises(SystemDescriptionError, match=re.escape(f"{file}: {text}")):
+        export_run(flown, one, file, Options())
+    if one.suffix:
+        (folder := tmp_path / f"y{one.suffix}").mkdir()
+        with pytest.raises(SystemDescriptionError, match=f"is a folder; give the name of a file for {one.option}"):
+            export_run(flown, one, folder, Options())
+    assert file.read_bytes() == b"before"
 
 
 @pytest.mark.parametrize(
@@ -409,6 +437,6 @@ def test_a_missing_library_names_its_extra(
     for module in [m for m in sys.modules if m == package or m.startswith(f"{package}.")]:
         monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setitem(sys.modules, package, None)
-    done = CliRunner().invoke(app, ["export", str(flown), f"--{name}", str(tmp_path / "x")])
+    done = CliRunner().invoke(app, ["export", str(flown), f"--{name}", str(tmp_path / f"x{NAMED[name].suffix}")])
     assert done.exit_code == 2
     assert done.stderr.splitlines()[-1] == f"error: {package} is not installed; try pip install 'uav-cosim[{extra}]'"
