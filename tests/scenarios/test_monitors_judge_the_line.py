@@ -40,6 +40,12 @@ FLIGHT = """
 """
 GONE = '<age name="gone" from="drone2" to="drone3" most="0.7" start="8" end="true"/>'
 ENDING = FLIGHT.replace("</monitors>", f"{GONE}</monitors>")
+SELDOM = """
+<monitors xmlns="https://uav-cosim.org/ns/1" interval="2">
+  <separation least="60"/>
+  <age from="drone2" to="drone3" most="0.6" start="4"/>
+</monitors>
+"""
 CROSSING = '<monitors xmlns="https://uav-cosim.org/ns/1" interval="0.0075"><order start="20" end="true"/></monitors>'
 START = {
     f"drone{n}.vehicle.position_start[2]": f"{east}" for n, east in zip(range(1, 6), (0, 1, 9, 10, 11), strict=True)
@@ -49,7 +55,13 @@ START = {
 @pytest.fixture(scope="module")
 def variants(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     found = {}
-    for name, monitors in {"law": LAW, "flight": FLIGHT, "ending": ENDING, "crossing": CROSSING}.items():
+    for name, monitors in {
+        "law": LAW,
+        "flight": FLIGHT,
+        "ending": ENDING,
+        "seldom": SELDOM,
+        "crossing": CROSSING,
+    }.items():
         annotation = f'<ssc:Annotation type="org.uav-cosim.monitors">{monitors}</ssc:Annotation></ssd:Annotations>'
         folder = tmp_path_factory.mktemp(name)
         found[name] = copy_of("line5", folder, fmus, lambda text, a=annotation: text.replace("</ssd:Annotations>", a))
@@ -175,3 +187,16 @@ def test_a_monitor_that_ends_the_run_changes_neither_the_others_nor_how_often_th
         "age": True,
     }
     assert (gone["name"], gone["count"]) == ("gone", 1)
+
+
+@pytest.mark.slow
+def test_a_checkpoint_between_two_looks_changes_no_verdict(variants: dict[str, Path], tmp_path: Path) -> None:
+    """Distances are those of straight ways from look to look; packets are heard between them."""
+    options: dict[str, Any] = {"overrides": {"network.loss": "0.5"}, "until": 40.0}
+    whole = simulate(variants["seldom"], RunOptions(out=tmp_path / "whole", checkpoint_every=7.0, **options))
+    assert whole.verdict is not None
+    distances, ages = whole.verdict.monitors
+    assert distances["count"] >= 6 and ages["count"] >= 2
+    for time in (28, 35):
+        rest = simulate(variants["seldom"], RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'whole'}@{time}"))
+        assert rest.verdict is not None and [*rest.verdict.monitors] == [distances, ages]

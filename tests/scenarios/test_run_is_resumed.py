@@ -122,3 +122,30 @@ def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> 
     assert "not a multiple of the base step" in refused(checkpoint_every=0.0001)
     (tmp_path / "run" / "checkpoints" / "1" / "state.npz").write_bytes(b"PK")
     assert "1 is damaged: state.npz has not the digest that checkpoint.json contains" in refused()
+
+
+def test_changes_before_a_checkpoint_are_those_that_led_to_it(line5: Path, tmp_path: Path) -> None:
+    """Others would be left out, and the run would seem to have been made with them."""
+    gust = [(0.5, "drone3.vehicle.wind[2]", "5")]
+    first = simulate(line5, RunOptions(until=2.0, at=gust, checkpoint_every=1.0, out=tmp_path / "first"))
+    origin = f"{tmp_path / 'first'}@1"
+    second = simulate(
+        line5, RunOptions(until=2.0, at=gust, origin=origin, checkpoint_every=0.5, out=tmp_path / "second")
+    )
+    third = simulate(line5, RunOptions(until=2.0, at=gust, origin=f"{tmp_path / 'second'}@1.5", out=tmp_path / "third"))
+    simulate(line5, RunOptions(until=2.0, origin=origin, out=tmp_path / "fourth"))
+    assert (first.outcome, second.outcome, third.outcome) == ("done", "done", "done")
+    for name in ("second", "third", "fourth"):
+        assert same(tmp_path / "first", tmp_path / name)
+    for time, value in ((0.5, "6"), (0.25, "5")):
+        with pytest.raises(SystemDescriptionError) as refused:
+            simulate(line5, RunOptions(until=2.0, at=[(time, "drone3.vehicle.wind[2]", value)], origin=origin))
+        assert str(refused.value) == (
+            f"--at {time} drone3.vehicle.wind[2]={value}.0: it is before the checkpoint at 1 s, and has not led to it; "
+            "give a later time, or an earlier checkpoint"
+        )
+
+
+def same(one: Path, other: Path) -> bool:
+    """Whether the values are the same; how they are grouped depends on the checkpoints."""
+    return all(pq.read_table(one / name).equals(pq.read_table(other / name)) for name in RECORDED[:2])

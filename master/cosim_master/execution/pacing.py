@@ -34,6 +34,7 @@ from cosim_master.results.recording.recording import Recording
 from cosim_master.results.storage.checkpoint_folder import Identity
 from cosim_master.stepping.control import Control
 from cosim_master.stepping.observation import Observers, Progress
+from cosim_master.system.settings.changes import told
 from cosim_master.system.settings.time_grid import TimeGrid
 from cosim_master.verdict.monitors.monitoring import Monitoring
 from cosim_master.verdict.watching.memory import remember
@@ -80,6 +81,8 @@ class Checkpoints:
             input=ready.stimuli.digest if ready.stimuli is not None else "",
         )
         self._about = {"identity": asdict(self.identity), "overrides": dict(overrides), "record": list(record)}
+        self.changes: Sequence[tuple[int, str, str]] = [told(checked, change) for change in ready.changes]
+        """Those of the run and of the ones that it goes on from, see `Checkpoint.changes`."""
         self._every = self._next = 0
         self._last = clock.steps
         self.watch: Watch | None = None
@@ -113,20 +116,25 @@ class Checkpoints:
         """Writes a checkpoint if it is due. The end of a run has none."""
         if self._next <= execution.k < self._last:
             assert self.watch is not None and self.recording is not None
-            recording, seen = self.recording, remember(self.watch)
-            if self.monitoring is not None:
-                seen["monitors"] = self.monitoring.memory()
+            recording = self.recording
             try:
-                saved = execution.settle()
+                saved = execution.settle()  # first: observers get the packets that have been sent until now
             except FmuError as error:
                 raise RunFailed([error]) from None
+            seen = remember(self.watch)
+            if self.monitoring is not None:
+                seen["monitors"] = self.monitoring.memory()
             save(
                 self._folder,
                 saved,
                 execution.k,
                 position=recording.position(),
                 segments=recording.segments(),
-                about={**self._about, "verdict": seen},
+                about={
+                    **self._about,
+                    "verdict": seen,
+                    "changes": [change for change in self.changes if change[0] < execution.k],
+                },
             )
 
 

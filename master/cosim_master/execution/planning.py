@@ -26,6 +26,7 @@ from cosim_master.stepping.layout import Layout, make_layout
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.single_fmu import as_model_exchange, full_names
+from cosim_master.system.settings.changes import Change, told
 from cosim_master.system.settings.network import Gateway, with_gateways
 from cosim_master.system.structure import SystemStructure
 from cosim_master.verdict.monitors.declared import monitored
@@ -97,7 +98,8 @@ def planned(
         if out is not None and out.resolve() == checkpoint.run.resolve():
             text = "this is the folder of the run that it goes on from; give another folder"
             raise SystemDescriptionError([Problem(Where(str(out)), text)])
-        ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
+        ready = replace(ready, changes=_later(ready, checkpoint))
+        saving.changes = [*checkpoint.changes, *(told(ready.checked, change) for change in ready.changes)]
     if replayed:
         mailbox = mailbox or Mailbox()
         mailbox.repeat(replayed)
@@ -126,6 +128,24 @@ def planned(
         federation=None if how is None else Federation(how, layout),
         packets=(out is not None and ready.recording.packets) or hears_packets(ready.monitors),
     )
+
+
+def _later(ready: Prepared, checkpoint: Checkpoint) -> tuple[Change, ...]:
+    """Returns the changes from a checkpoint on.
+
+    Raises:
+        SystemDescriptionError: a change before it is not one that has led to it.
+    """
+    problems = []
+    for change in ready.changes:
+        if change.k < checkpoint.k and (made := told(ready.checked, change)) not in checkpoint.changes:
+            _, name, value = made
+            where = Where(f"--at {ready.clock.time(change.k):g} {name}={value}")
+            text = f"it is before the checkpoint at {checkpoint.time:g} s, and has not led to it"
+            problems.append(Problem(where, f"{text}; give a later time, or an earlier checkpoint"))
+    if problems:
+        raise SystemDescriptionError(problems)
+    return tuple(change for change in ready.changes if change.k >= checkpoint.k)
 
 
 def _joining(ready: Prepared, options: RunOptions) -> Joining | None:

@@ -21,7 +21,7 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 
 __all__ = ["FORMAT", "Checkpoint", "Identity", "Position", "find", "sealed", "segments"]
 
-FORMAT = 5
+FORMAT = 6
 """The version of the files; another one is refused."""
 
 
@@ -67,6 +67,8 @@ class Checkpoint:
     texts: Mapping[str, str]
     events: Any
     verdict: Mapping[str, Any]
+    changes: tuple[tuple[int, str, str], ...]
+    """Of variables before it: the base step, the name, and the value as Python writes it."""
 
     def check(self, identity: Identity) -> None:
         """Checks that this is a checkpoint of the same system.
@@ -123,7 +125,7 @@ def find(wanted: str) -> Checkpoint:
         time = float(text)
     except ValueError:
         time = float("nan")
-    if not at or time != time:
+    if not at or not run or time != time:
         raise wrong("write RUN@TIME, the folder of a run and a time in s")
     if not Path(run).is_dir():
         raise wrong(f"there is no folder {run}; write RUN@TIME, the folder of a run and a time in s")
@@ -150,6 +152,7 @@ def find(wanted: str) -> Checkpoint:
             content["texts"],
             content["events"],
             content["verdict"],
+            tuple((int(k), str(name), str(value)) for k, name, value in content["changes"]),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise wrong(f"{own} is damaged: {error}") from None

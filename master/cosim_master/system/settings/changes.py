@@ -16,7 +16,7 @@ from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.overrides import SETTINGS
 from cosim_master.system.settings.time_grid import TimeGrid
 
-__all__ = ["Change", "Changeable", "FromSet", "changes"]
+__all__ = ["Change", "Changeable", "FromSet", "changes", "told"]
 
 
 class FromSet(str):
@@ -33,6 +33,12 @@ class Change:
     instance: int
     variable: Variable
     value: Start
+
+
+def told(checked: CheckedSystem, change: Change) -> tuple[int, str, str]:
+    """Returns the base step of a change, the name of its variable, and its value as Python writes it."""
+    name = f"{checked.instances[change.instance].name}.{change.variable.name}"
+    return change.k, name, str(change.value) if isinstance(change.value, str) else repr(change.value)
 
 
 class Changeable:

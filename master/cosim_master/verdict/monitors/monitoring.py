@@ -127,7 +127,6 @@ class Monitoring:
         self._values = np.zeros((_LOOKS + 1, self._columns.count))
         self._used = self._new = 0
         self._seen_events = 0
-        self._recalled = False
         self.end = clock.time(0)
 
     def _rule(self, one: Monitor) -> Rule:
@@ -159,12 +158,12 @@ class Monitoring:
         return any(rule.violations.subjects for rule in self._ending)
 
     def initialised(self, seen: Seen) -> None:
-        """Handles the first instant of a run; that of a resumed run has been evaluated before its checkpoint."""
+        """Handles the first instant of a run; a resumed one has seen the last instant before its checkpoint."""
+        if self._used:
+            self.end = seen.time
+            return
         self._add(seen)
-        if self._recalled:
-            self._new = self._used
-        else:
-            self._look(self._ending, 0)
+        self._look(self._ending, 0)
 
     def stepped(self, seen: Seen) -> None:
         """Copies the monitored values; monitors that may end the run are evaluated."""
@@ -217,14 +216,18 @@ class Monitoring:
     # ---- checkpoints ---------------------------------------------------------------------------------------------
 
     def memory(self) -> dict[str, Any]:
-        """Returns plain values for a checkpoint, by name of monitor."""
+        """Returns plain values for a checkpoint: the last instant seen, and those of each monitor by its name."""
         self.settle()
-        return {rule.monitor.name: [rule.violations.memory(), rule.memory()] for rule in self.rules}
+        return {
+            "last": [int(self._steps[0]), self._values[0].tolist()],
+            "rules": {rule.monitor.name: [rule.violations.memory(), rule.memory()] for rule in self.rules},
+        }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Restores `memory`, before the first instant."""
-        self._recalled = True
+        self._steps[0], self._values[0] = memory["last"]
+        self._used = self._new = 1
         for rule in self.rules:
-            violations, own = memory[rule.monitor.name]
+            violations, own = memory["rules"][rule.monitor.name]
             rule.violations.recall(violations)
             rule.recall(own)
