@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -19,6 +21,8 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.partitions.cut import read_assignment
 from cosim_master.execution.partitions.mpi import _SIZES, launched_by
 from tests.scenarios.flights import SYSTEMS, fly
 from tests.scenarios.swarm import running as listening
@@ -179,9 +183,10 @@ def test_launchers_are_recognised(environment: dict[str, str], processes: int) -
 
 
 @pytest.mark.alone
-@pytest.mark.parametrize("rank", [1, 2])
-def test_a_part_is_killed(fmus: Path, tmp_path: Path, rank: int) -> None:
-    with running(tmp_path / "out", "--pace", "1") as parts:
+@pytest.mark.parametrize(("rank", "of"), [(1, 2), (2, 3)])
+def test_a_part_is_killed(fmus: Path, tmp_path: Path, rank: int, of: int) -> None:
+    """With two parts, mpirun says that all is well if part 0 ends after it."""
+    with running(tmp_path / "out", "--pace", "1", parts=of, system="line5-points") as parts:
         parts.flies()
         os.kill(parts.rank(rank), signal.SIGKILL)
         code, error, manifest = parts.end()
@@ -189,6 +194,27 @@ def test_a_part_is_killed(fmus: Path, tmp_path: Path, rank: int) -> None:
     assert f"part {rank}: its process has ended; what was recorded until then is complete" in error
     assert manifest["outcome"] == "failed"
     complete(tmp_path / "out", manifest)
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize("who", ["part 0", "mpirun"])
+def test_nothing_is_left_to_say_how_it_ended(fmus: Path, tmp_path: Path, who: str) -> None:
+    out = tmp_path / "out"
+    with running(out, "--pace", "1", parts=2, system="line5-points") as parts:
+        parts.flies()
+        first = parts.rank(0)
+        launcher = int(Path(f"/proc/{parts.process.pid}/task/{parts.process.pid}/children").read_text())
+        os.kill(first if who == "part 0" else launcher, signal.SIGKILL)
+        code, error, manifest = parts.end()
+    assert code == 1
+    ended = "with exit code [0-9]+" if who == "part 0" else "by signal 9"
+    text = rf"error: part 0 has ended without a result \(mpirun {ended}\); if it has recorded, try uav-cosim repair RUN"
+    assert re.search(f"^{text}$", error, re.MULTILINE), error
+    assert manifest["outcome"] == "running"
+    end = time.monotonic() + LIMIT
+    while Path(f"/proc/{first}").exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    assert CliRunner().invoke(app, ["repair", str(out)]).exit_code == 0
 
 
 @pytest.mark.alone
@@ -273,10 +299,11 @@ def test_a_part_of_another_version_is_refused(fmus: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.alone
-def test_it_is_interrupted(fmus: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_it_is_interrupted(fmus: Path, tmp_path: Path, number: signal.Signals) -> None:
     with running(tmp_path / "out", "--pace", "1") as parts:
         parts.flies()
-        parts.process.send_signal(signal.SIGINT)
+        parts.process.send_signal(number)
         code, error, manifest = parts.end()
     assert code == 130, error
     assert manifest["outcome"] == "interrupted"
@@ -346,6 +373,45 @@ def test_a_wrong_system_is_reported_once(fmus: Path, tmp_path: Path) -> None:
         _, error = parts.process.communicate(timeout=LIMIT)
     assert parts.process.returncode == 2
     assert error.count("error:") == 1, error
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "error"),
+    [
+        (("--gcs", "tcp:{port}"), 2, "--gcs: tcp:127.0.0.1:{port} cannot be opened: Address already in use"),
+        (("-o", "{file}"), 2, "{file}: cannot hold the results of a run: File exists"),
+        (("--dataflash",), 1, "{out}: no autopilot recorded its inner values; "),
+        (("--partition-file", "{file}.json"), 2, "{file}.json: cannot be read: No such file or directory"),
+        (("--partition-file", "{file}"), 2, "--partition-file: part 0 needs a process on nowhere; there are "),
+    ],
+    ids=["an address in use", "a file in the place of the folder", "after the run", "no assignment", "no such host"],
+)
+def test_what_part_0_alone_finds_is_told_once(
+    fmus: Path, tmp_path: Path, options: tuple[str, ...], code: int, error: str
+) -> None:
+    """The other parts end with it, and do not end it before it has spoken."""
+    units = [{"units": ["drone1", "drone2"], "host": "nowhere"}, {"units": ["drone*"]}]
+    (tmp_path / "file").write_text(json.dumps({"parts": units}))
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        names = {"port": taken.getsockname()[1], "file": tmp_path / "file", "out": tmp_path / "out"}
+        given = [one.format_map(names) for one in options]
+        with running(tmp_path / "out", "--until", "1", *given, parts=2, system="line5-points") as parts:
+            _, said = parts.process.communicate(timeout=LIMIT)
+    assert (parts.process.returncode, said.count("error: ")) == (code, 1), said
+    assert f"error: {error.format_map(names)}" in said and "MPI_ABORT" not in said
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ({"parts": [{"units": ["a"]}, {"units": ["b"], "host": None}]}, "host is null, not the name of a machine"),
+        ({"parts": [{"units": ["a"]}, {"units": ["b"]}], "x": 1}, "x is not known; there are parts only"),
+    ],
+)
+def test_assignments_that_are_not_understood_are_refused(tmp_path: Path, content: Any, problem: str) -> None:
+    (tmp_path / "parts.json").write_text(json.dumps(content))
+    with pytest.raises(SystemDescriptionError, match=re.escape(f"is not a list of parts ({problem}); write ")):
+        read_assignment(tmp_path / "parts.json", 2)
 
 
 def test_another_number_than_the_launcher_has_started(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
@@ -25,21 +26,30 @@ if TYPE_CHECKING:
 
 __all__ = ["leave", "left", "part_of", "serve_part", "start_parts"]
 
-_COMMAND = (sys.executable, "-c", "from cosim_master.cli import main; main()")
+_COMMAND = (sys.executable, "-c", "from cosim_master.cli.terminal.launching import run_part; run_part()")
+_STATUS = "UAV_COSIM_EXIT_CODE"
+"""Environment variable with the file for the exit code of part 0: that of mpirun depends on which one ends first."""
+_RANKS = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK")
 
 
 def start_parts(parts: int, arguments: Sequence[str]) -> int:
     """Starts this command in `parts` processes on this machine; returns the exit code of part 0, or that of Ctrl-C.
 
-    Ctrl-C and SIGTERM end the run as in one process: the launcher passes SIGUSR1 on, which part 0 takes as Ctrl-C.
+    Ctrl-C, SIGTERM and SIGHUP end the run as in one process: the launcher passes SIGUSR1 on, which part 0 takes as
+    Ctrl-C.
     """
+    with TemporaryDirectory(prefix="uav-cosim-") as folder:
+        return _started(parts, arguments, Path(folder) / "code")
+
+
+def _started(parts: int, arguments: Sequence[str], file: Path) -> int:
     own = Path(sys.executable).parent
     launcher = shutil.which("mpirun", path=f"{own}{os.pathsep}{os.environ.get('PATH', '')}")
     if launcher is None:
         raise usage("--partitions needs mpirun; pip install 'uav-cosim[mpi]'")
     said = subprocess.run([launcher, "--version"], capture_output=True, text=True, check=False).stdout
     options = ["-n", str(parts)]
-    environment = dict(os.environ)
+    environment = {**os.environ, _STATUS: str(file)}
     if "Open MPI" in said:
         # With --oversubscribe, processes give up the processor at each look for messages: milliseconds a window.
         options += ["--with-ft", "ulfm", "--host", f"localhost:{parts}", "--bind-to", "none"]
@@ -54,18 +64,42 @@ def start_parts(parts: int, arguments: Sequence[str]) -> int:
         pressed = True
         process.send_signal(signal.SIGUSR1)
 
-    before = {number: signal.signal(number, passed_on) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, passed_on) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
         code = process.wait()
-        if not pressed or code in (1, 2, 130):
-            return code
-        with suppress(ProcessLookupError):  # the launcher, or part 0, was not ready to take it
+        if file.is_file():
+            return int(file.read_text())
+        with suppress(ProcessLookupError):  # the launcher, or part 0, was not ready to take a signal; or it was killed
             os.killpg(process.pid, signal.SIGTERM)
-        report_error("interrupted")
-        return 130
+        if pressed:
+            report_error("interrupted")
+            return 130
+        how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
+        report_error(f"part 0 has ended without a result (mpirun {how}); if it has recorded, try uav-cosim repair RUN")
+        return 1
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def run_part() -> None:
+    """Runs this command in a process that `start_parts` has started."""
+    from cosim_master.cli import main
+
+    try:
+        main()
+    except SystemExit as end:
+        _tell(end.code if isinstance(end.code, int) else int(end.code is not None))
+        raise
+    except BaseException:
+        _tell(1)
+        raise
+
+
+def _tell(code: int) -> None:
+    """Notes the exit code of part 0, which alone speaks."""
+    if (file := os.environ.get(_STATUS)) and not out.quiet:
+        Path(file).write_text(str(code))
 
 
 def part_of(
@@ -101,6 +135,8 @@ def part_of(
     from cosim_master.execution.partitions.cut import read_assignment
     from cosim_master.execution.partitions.mpi import MpiTransport
 
+    first = all(os.environ.get(name, "0") == "0" for name in _RANKS)
+    out.quiet = err.quiet = not first  # what is wrong before the parts have met is wrong for all
     transport = MpiTransport(
         60.0 if seconds is None else seconds, () if file is None else read_assignment(file, there).hosts
     )
@@ -108,6 +144,7 @@ def part_of(
         text = f"the launcher has started {there} processes, but {transport.library} sees one: it is not the launcher's"
         raise usage(f"{text} MPI library; name that one by MPI4PY_LIBMPI (docs/distributed.md)")
     if transport.part == 0:
+        out.quiet = err.quiet = False
         signal.signal(signal.SIGUSR1, lambda *_: os.kill(os.getpid(), signal.SIGINT))
     else:  # part 0 ends the run, also when the launcher sends a signal to all, and reports it
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
@@ -129,11 +166,13 @@ def serve_part(system: str, options: RunOptions, transport: Transport, *, mailbo
     lost = False
     try:
         take_part(system, options, transport, mailbox=mailbox)
-    except PartLost:
-        lost = True
-        with suppress(PartLost):  # part 0 completes its files, and then ends all parts
-            while True:
+    except PartLost as error:
+        try:  # part 0 completes its files, and then ends all parts
+            while not error.ended:
                 transport.receive(0, patient=True)
+        except PartLost as further:
+            error = further
+        lost = not (error.part == 0 and error.ended)
     except CosimError:
         pass  # part 0 has the error
     transport.close(abort=lost)
@@ -160,4 +199,6 @@ def leave(transport: Transport | None, error: BaseException | None) -> None:
 
         sys.stdout.flush()
         sys.stderr.flush()
+        if isinstance(error, PartLost):
+            _tell(1)
         transport.close(abort=isinstance(error, PartLost))

@@ -355,17 +355,20 @@ def run(
             result = _simulate(system, options, doing, live, others, sent, transport)
             if live is not None:
                 live.end(result)
-    if as_json:
-        print_json(_document(result))
-    else:
-        _report(result)
-    if dataflash and result.folder is not None:
-        with errors(as_json=as_json):
-            _write_logs(result.folder)
-    if folder is None and result.folder is not None and result.folder != by_default:
-        holds = "a campaign" if (by_default / CAMPAIGN).is_file() else "a run of other inputs, which --force overwrites"
-        note(f"{by_default} holds {holds}; the results are in {result.folder}")
-    leave(transport, result.error)
+    try:
+        if as_json:
+            print_json(_document(result))
+        else:
+            _report(result)
+        if dataflash and result.folder is not None:
+            with errors(as_json=as_json):
+                _write_logs(result.folder)
+        if folder is None and result.folder is not None and result.folder != by_default:
+            campaign = (by_default / CAMPAIGN).is_file()
+            holds = "a campaign" if campaign else "a run of other inputs, which --force overwrites"
+            note(f"{by_default} holds {holds}; the results are in {result.folder}")
+    finally:
+        leave(transport, result.error)
     if code := _exit_code(result, strict=strict):
         raise typer.Exit(code)
 

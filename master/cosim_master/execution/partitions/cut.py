@@ -183,11 +183,16 @@ def read_assignment(file: Path, parts: int) -> Assignment:
     """
     where = Where(str(file))
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))["parts"]
+        document = json.loads(file.read_text(encoding="utf-8"))
+        found = document["parts"]
+        if others := sorted({*document} - {"parts"}):
+            raise ValueError(f"{others[0]} is not known; there are parts only")
         if texts := [one["units"] for one in found if not isinstance(one["units"], list)]:
             raise ValueError(f"units is {json.dumps(texts[0])}, not a list of names")
         patterns = tuple(tuple(str(pattern) for pattern in one["units"]) for one in found)
-        hosts = tuple(str(one.get("host", "")) for one in found)
+        hosts = tuple(one.get("host", "") for one in found)
+        if wrong := [host for host in hosts if not isinstance(host, str)]:
+            raise ValueError(f"host is {json.dumps(wrong[0])}, not the name of a machine")
         if unknown := sorted({key for one in found for key in one} - {"units", "host"}):
             raise ValueError(f"{unknown[0]} is not known; a part has units and host")
     except OSError as error:

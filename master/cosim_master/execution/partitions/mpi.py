@@ -88,6 +88,7 @@ class MpiTransport:
         self.here = names.count(self.host)
         self._sending: list[tuple[Any, bytes]] = []
         self._gone: set[int] = set()
+        self._ended: set[int] = set()
         self._reported = False
         self.library = str(MPI.Get_library_version()).partition(",")[0].partition("\n")[0].replace("\t", " ").strip()
         self._tells = _tells_of_dead(self._comm)
@@ -105,7 +106,7 @@ class MpiTransport:
     def receive(self, source: int, *, patient: bool = False) -> bytes:
         """Returns the next message; see `Transport`."""
         if source in self._gone:
-            raise PartLost(source, "it has ended")
+            raise PartLost(source, "it has ended", ended=True)
         try:
             longer = _PATIENCE if patient else _LONGER if source == 0 else 1
             message = self._next(source, self.seconds * longer, _PATIENT if patient else "")
@@ -116,7 +117,8 @@ class MpiTransport:
             return content
         self._gone.add(source)
         if kind == _ENDED:
-            raise PartLost(source, "it has ended")
+            self._ended.add(source)
+            raise PartLost(source, "it has ended", ended=True)
         raise self._agreed(PartLost(source, content.decode("utf-8", "replace")))
 
     def _next(self, source: int, limit: float, why: str) -> bytes:
@@ -222,7 +224,7 @@ class MpiTransport:
         if abort:
             self._comm.Abort(1)
         others = [p for p in range(self.parts) if p != self.part and p not in self._gone]
-        for other in others:
+        for other in (*others, *self._ended):  # one that has ended after an error waits for this part's end
             with suppress(PartLost):
                 self._send(other, _ENDED)
         for other in others:

@@ -18,10 +18,11 @@ class PartLost(CosimError):
     Attributes:
         part: its number.
         why: what is known of it.
+        ended: whether it has ended in order, as part 0 does after an error.
     """
 
-    def __init__(self, part: int, why: str) -> None:
-        self.part, self.why = part, why
+    def __init__(self, part: int, why: str, *, ended: bool = False) -> None:
+        self.part, self.why, self.ended = part, why, ended
         super().__init__(f"part {part}: {why}; what was recorded until then is complete")
 
 
@@ -83,7 +84,7 @@ class LocalTransport:
             raise PartLost(source, f"no message for {time.monotonic() - began:.0f} s") from None
         if message is None or isinstance(message, str):
             self._boxes[source][self.part].put(message)
-            raise PartLost(source, message or "it has ended")
+            raise PartLost(source, message or "it has ended", ended=message is None)
         return message
 
     def fail(self, reason: str) -> None:
