@@ -16,6 +16,8 @@ import gc
 import os
 import signal
 import sys
+from contextlib import suppress
+from io import TextIOWrapper
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -37,6 +39,10 @@ def main() -> None:
     depend on their number, which matters to FMUs with numpy, and they wait by computing.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # names that its encoding lacks are printed as Python escapes them
+            with suppress(OSError):  # a terminal opened for reading, too
+                stream.reconfigure(errors="backslashreplace")
     gc.set_threshold(50_000, 20, 50)
     atexit.register(gc.freeze)
     app = _imported()

@@ -188,5 +188,5 @@ def _compared(
         raise SystemDescriptionError(
             [Problem(Where(source), f"nothing to compare: {names} are not outputs of the FMU")]
         )
-    differences.sort(key=lambda one: one.largest / one.allowed, reverse=True)
+    differences.sort(key=lambda one: one.largest / one.allowed if one.allowed else one.largest, reverse=True)
     return Verdict(source, int(common.sum()), tuple(differences), tuple(left_out))

@@ -650,6 +650,46 @@ def test_errors_as_json_on_a_full_disk_are_still_told(tmp_path: Path) -> None:
     assert others == ["error: standard output: cannot be written: No space left on device"]
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_names_that_a_terminal_cannot_show_are_escaped(run: Any, system: Path, tmp_path: Path, encoding: str) -> None:
+    command = [str(Path(sys.executable).with_name("uav-cosim"))]
+    environment = {**os.environ, "LC_ALL": "C", "PYTHONIOENCODING": encoding}
+    for words in ((), ("--json",)):
+        done = subprocess.run(
+            [*command, "run", str(system), "-o", "ü漢", "--force", *words],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        if words:
+            assert json.loads(done.stdout.decode("utf-8"))["folder"] == "ü漢"
+        else:
+            shown = {"ascii": r"\xfc\u6f22", "latin-1": r"ü\u6f22", "utf-8": "ü漢"}[encoding]
+            assert f"results: {shown}" in done.stdout.decode(encoding)
+
+
+def test_options_of_systems_are_not_taken_for_files(run: Any, tmp_path: Path) -> None:
+    for option, value in (("-o", "folder"), ("--drones", "3"), ("--until", "5")):
+        text = f"error: new: {option} belongs to a new system; with FILE (law.py), leave it out\n"
+        assert run("new", "agent", "law.py", option, value) == (2, "", text)
+    assert list(tmp_path.glob("*.py")) == []
+
+
+def test_a_name_that_is_too_long_is_refused(run: Any, system: Path) -> None:
+    name = "x" * 300
+    error = f"error: {name}: cannot hold the results of a run: File name too long\n"
+    assert run("run", str(system), "-o", name) == (2, "", error)
+
+
+def test_settings_without_a_value_are_refused(run: Any, system: Path) -> None:
+    """As of a shell variable that is not set; a default would take the place of the system's own value."""
+    for name, what in (("network.latency", "a number from 0"), ("network.neighbours", "a whole number from 1")):
+        code, stdout, stderr = run("run", str(system), "--set", f"{name}=")
+        assert (code, stdout) == (2, "") and f"{name}= must be {what}" in stderr
+
+
 def test_imports_of_a_command_are_not_looked_through_for_garbage(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", LOOKED], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "oldest: 0\nfrozen: True\n"), done.stderr

@@ -28,7 +28,7 @@ MINE = Identity("digest", {"a": "1"}, start=0, base=2_500_000, steps=12_000, eve
     ],
 )
 def test_a_run_that_is_another(change: dict[str, Any], said: str) -> None:
-    one = Checkpoint(Path("run/checkpoints/28"), Path("run"), 11_200, 28.0, MINE, Position(), {}, (), {}, None, {})
+    one = Checkpoint(Path("run/checkpoints/28"), Path("run"), 11_200, 28.0, MINE, Position(), {}, (), {}, None, {}, ())
     one.check(MINE)
     with pytest.raises(SystemDescriptionError) as caught:
         one.check(replace(MINE, **change))

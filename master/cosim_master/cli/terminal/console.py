@@ -161,7 +161,8 @@ def notes(texts: Iterable[str]) -> None:
 def print_json(document: Any) -> None:
     """Prints the JSON document of a verb."""
     _spoken.document = True
-    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    is_unicode = str(getattr(out.file, "encoding", None) or "utf-8").lower().replace("-", "") == "utf8"
+    text = json.dumps(document, indent=1, ensure_ascii=not is_unicode, allow_nan=False)
     with written():
         out.print(text, markup=False)
 

@@ -98,6 +98,16 @@ def new(
     from cosim_master.system.authoring.swarm.new import SHAPES, fleet_of, new_system, number_of_drones
 
     if file is not None:
+        own: dict[str, object] = {
+            "-o": folder,
+            "--drones": drones,
+            "--layout": layout,
+            "--vehicle": vehicle,
+            "--autopilot": autopilot,
+        }
+        own |= {"--agent": agent, "--fmus": fmus, "--until": until}
+        if given_too := [name for name, value in own.items() if value is not None]:
+            raise usage(f"new: {given_too[0]} belongs to a new system; with FILE ({file}), leave it out")
         _new_model(scenario, file, as_json=as_json)
         return
     if folder is None:

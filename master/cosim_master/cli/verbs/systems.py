@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -97,6 +98,8 @@ def check(
             raise usage("--partition-file belongs to --partitions, which is not given")
         if tolerance is not None and reference is None:
             raise usage("--tolerance belongs to --reference, which is not given")
+        if tolerance is not None and not math.isfinite(tolerance):
+            raise usage(f"--tolerance {tolerance:g}: give a finite number")
         if reference is not None:
             from cosim_master.execution.reference_results import against_reference
 

@@ -44,6 +44,6 @@ def origin_of_text(text: str) -> Origin:
         form = "write LATITUDE,LONGITUDE,ALTITUDE in degrees and m, as 48.1,11.6,520"
         raise SystemDescriptionError([Problem(Where(f"origin {text}"), form)]) from None
     if not (abs(latitude) < 90.0 and abs(longitude) <= 180.0 and abs(altitude) < 1e6):
-        bounds = "the latitude must be within -90 and 90, the longitude within -180 and 180 degrees"
+        bounds = "the latitude must be within -90 and 90, the longitude within -180 and 180 degrees, the altitude 1e6 m"
         raise SystemDescriptionError([Problem(Where(f"origin {text}"), bounds)])
     return Origin(radians(latitude), radians(longitude), altitude)

@@ -49,27 +49,20 @@ def export(run: Path, file: Path, options: Options) -> list[str]:
 
     tracks = read_tracks(run, options)
     time = np.rint(tracks.time * 1e9).astype(np.int64)
-    file.open("wb").close()  # Rerun's own error would be a RuntimeError
-    with _strict(), _told(), rerun.RecordingStream("uav-cosim", send_properties=False) as recording:
-        recording.save(file, default_blueprint=_blueprint(tracks))
+    with _strict(), rerun.RecordingStream("uav-cosim", send_properties=False) as recording:
+        stream = rerun.binary_stream(recording)
+        recording.send_blueprint(_blueprint(tracks), make_active=False)
         recording.send_recording_name(run.resolve().name)
         _send_motion(recording, tracks, time)
         _send_signals(recording, run, time)
         _send_log(recording, run)
-        recording.flush()  # fails where the file could not be written; `disconnect` does not
+        content = stream.read() or b""  # all at once: each reading ends with an index of its own
         recording.disconnect()
+    # Not by Rerun's own file: where there is no room, it waits for ever, or says nothing.
+    file.write_bytes(content)
     if tracks.origin is None:
         return ["no GeoPoints: no FMU declares the local origin; --origin LATITUDE,LONGITUDE,ALTITUDE gives one"]
     return []
-
-
-@contextmanager
-def _told() -> Iterator[None]:
-    """Turns errors of Rerun's writer, which has printed the reason, into those of files."""
-    try:
-        yield
-    except RuntimeError as error:
-        raise OSError(f"Rerun's writer has failed: {error}") from error
 
 
 @contextmanager

@@ -76,7 +76,7 @@ def figures(
             if not files:
                 drawn_of = stamp(run)
                 folder.mkdir(parents=True, exist_ok=True)
-            for suffix in formats:
+            for suffix in dict.fromkeys(formats):
                 files.append(folder / f"{name}.{suffix}")
                 figure.savefig(files[-1], metadata=_metadata(suffix, drawn_of))
     return files

@@ -86,10 +86,23 @@ def read_manifest(run: Path) -> dict[str, Any]:
     except (FileNotFoundError, NotADirectoryError):
         raise SystemDescriptionError([Problem(Where(str(run)), no_run(run, NAME))]) from None
     except (OSError, ValueError) as error:
-        raise _incomplete(file, repr(error)) from None
+        raise _incomplete(file, str(error)) from None
     if not isinstance(told, dict):
         raise _incomplete(file, f"a {type(told).__name__}, not an object")
+    for name, kind in _KINDS.items():
+        if not isinstance(told.get(name, kind()), kind):
+            raise _incomplete(file, f"{name} is {json.dumps(told[name])}, not {_IN_JSON[kind]}")
     return told
+
+
+_KINDS: Mapping[str, type[dict[str, Any] | list[Any]]] = {
+    "instances": dict,
+    "fmus": dict,
+    "packets": dict,
+    "changes": list,
+    "notes": list,
+}
+_IN_JSON: Mapping[type[Any], str] = {dict: "an object", list: "an array"}
 
 
 def _incomplete(file: Path, what: str) -> SystemDescriptionError:

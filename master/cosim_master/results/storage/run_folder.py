@@ -52,6 +52,13 @@ class RunFolder:
             SystemDescriptionError: the folder contains results that this run would not record again, or a campaign.
         """
         for path in self._candidates():
+            try:
+                (path / CAMPAIGN).stat()
+            except (FileNotFoundError, NotADirectoryError):
+                pass
+            except OSError as error:  # its name is too long, for example
+                text = f"cannot hold the results of a run: {error.strerror}"
+                raise SystemDescriptionError([Problem(Where(str(path)), text)]) from None
             if (path / CAMPAIGN).is_file():
                 if self.numbered:
                     continue

@@ -72,14 +72,18 @@ class Attributes:
         written = default if self.element is None else self.element.get(name, default)
         return self._given.get(name, written)
 
+    def _has(self, name: str) -> bool:
+        self._read.add(name)
+        return name in self._given or (self.element is not None and name in self.element.attrib)
+
     def optional(self, name: str, low: float, high: float) -> float | None:
         """Returns a number as `number` does, or None if the attribute is missing."""
-        return self.number(name, low, low, high) if self.text(name, "").strip() else None
+        return self.number(name, low, low, high) if self._has(name) else None
 
     def number(self, name: str, default: float, low: float, high: float) -> float:
         """Returns a number between `low` and `high`; INF is infinity, as in XML Schema."""
         text = self.text(name, "").strip()
-        if not text:
+        if not self._has(name):
             return default
         try:
             value = math.inf if text == "INF" else float(text)
@@ -93,7 +97,7 @@ class Attributes:
     def integer(self, name: str, default: int, low: int, high: int) -> int:
         """Returns an integer between `low` and `high`."""
         text = self.text(name, "").strip()
-        if not text:
+        if not self._has(name):
             return default
         try:
             value = int(text)
