@@ -407,9 +407,16 @@ def _always_ends(body: Sequence[ast.stmt]) -> bool:
             default = isinstance(cases[-1].pattern, ast.MatchAs) and cases[-1].pattern.pattern is None
             return default and cases[-1].guard is None and all(_always_ends(one.body) for one in cases)
         case ast.While(test=ast.Constant(value=value), body=loop) if value:
-            return not any(isinstance(node, ast.Break) for one in loop for node in ast.walk(one))
+            return not any(map(_breaks, loop))
         case _:
             return False
+
+
+def _breaks(node: ast.AST) -> bool:
+    """Returns whether a statement of a loop may end it by a break, which is not one of a loop within."""
+    if isinstance(node, ast.For | ast.While):
+        return False
+    return isinstance(node, ast.Break) or any(map(_breaks, ast.iter_child_nodes(node)))
 
 
 def _type_name(annotation: ast.expr | None) -> str:

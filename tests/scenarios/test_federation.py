@@ -281,6 +281,20 @@ def test_a_broker_that_ends_the_run(fmus: Path, tmp_path: Path, number: int, tex
     assert 0.7 < times[-1] <= simulated < 1.0
 
 
+def test_endpoints_and_publications_that_nobody_has_are_noted(fmus: Path, tmp_path: Path) -> None:
+    """HELICS itself would write a line on standard output for each packet, where a program expects JSON."""
+    with brokered("zmq", 1) as address:
+        command = ["run", str(LINE5), "-o", str(tmp_path / "out"), "--until", "0.5", "--json"]
+        command += ["--helics", f"{address},to=nix", "--helics-subscribe", "drone3.vehicle.wind[2]=nothing"]
+        started = [sys.executable, "-c", "from cosim_master.cli import main; main()", *command]
+        done = subprocess.run(started, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["outcome"] == "done"
+    nodes = ", ".join(f"drone{n}" for n in range(1, 6))
+    assert f"note: no federate has endpoint nix; endpoints of the federation: {nodes}" in done.stderr
+    assert "note: no federate has publication nothing; publications of the federation: none" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("options", "text"),
     [

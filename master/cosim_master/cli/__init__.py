@@ -47,7 +47,13 @@ def main() -> None:
     atexit.register(gc.freeze)
     app = _imported()
     _refuse_no_name(sys.argv[1:])
-    _run(app)
+    if "UAV_COSIM_EXIT_CODE" in os.environ:  # of a part of a run
+        from cosim_master.cli.terminal.launching import exit_code_told
+
+        with exit_code_told():
+            _run(app)
+    else:
+        _run(app)
 
 
 def __getattr__(name: str) -> Any:

@@ -13,6 +13,8 @@ from cosim_master.diagnostics.errors import WriteFailed
 
 __all__ = ["is_special", "replacing", "write_whole", "writing"]
 
+_OPEN = (Path("/dev/stdout"), Path("/dev/stderr"))
+
 
 @contextmanager
 def replacing(file: Path) -> Iterator[Path]:
@@ -54,7 +56,9 @@ def write_whole(file: Path, data: bytes) -> None:
 
 def is_special(file: Path) -> bool:
     """Returns whether this is a device or a pipe, such as /dev/stdout."""
-    return file.is_relative_to("/dev") or (file.exists() and not file.is_file() and not file.is_dir())
+    if file in _OPEN or file.is_relative_to("/dev/fd"):  # also where it leads to a file
+        return True
+    return file.exists() and not file.is_file() and not file.is_dir()
 
 
 @contextmanager

@@ -554,6 +554,7 @@ def test_a_float_that_an_int_would_cut_off_is_doubted(loaded: Any, tmp_path: Pat
         ("if t > 1.0:\n    return 2\nelse:\n    return 1", ""),
         ("if t > 1.0:\n    return 2\nelse:\n    raise ValueError", ""),
         ("while True:\n    t += 1.0\n    if t > 5.0:\n        return 3", ""),
+        ("while True:\n    for k in range(3):\n        break\n    t += 1.0\n    if t > 5.0:\n        return 3", ""),
     ],
 )
 def test_a_kernel_that_returns_on_some_paths_only_is_doubted(body: str, at: str, loaded: Any, tmp_path: Path) -> None:

@@ -718,6 +718,9 @@ def test_dialect(run: Any, tmp_path: Path) -> None:
     (tmp_path / "swarm.xml").write_text(xml)
     assert run("dialect", "swarm.xml", "-o", "swarm.py") == (0, "swarm.py: HELLO\n", "")
     assert "def encode_hello(payload: Bytes, x: float) -> int:" in (tmp_path / "swarm.py").read_text()
+    error = "error: -o swarm.xml: it is a Python module; name it swarm.py\n"
+    assert run("dialect", "swarm.xml", "-o", "swarm.xml") == (2, "", error)
+    assert (tmp_path / "swarm.xml").read_text() == xml
     code, _, stderr = run("dialect", "none.xml", "-o", "swarm.py")
     assert (code, stderr) == (2, "error: none.xml: No such file or directory\n")
     (tmp_path / "bad.xml").write_text("<swarm/>")

@@ -54,6 +54,17 @@ def test_a_pipe_is_written_to(tmp_path: Path) -> None:
         assert read.result() == b"through"
 
 
+@pytest.mark.skipif(not Path("/dev/fd").exists(), reason="descriptors as files")
+def test_a_file_that_is_open_as_a_descriptor_is_written_to(tmp_path: Path) -> None:
+    """As `-o /dev/stdout >> a.txt`: another file of this name would not be the one that the shell has opened."""
+    (tmp_path / "a.txt").write_bytes(b"before ")
+    with (tmp_path / "a.txt").open("ab") as opened:
+        number = (tmp_path / "a.txt").stat().st_ino
+        write_whole(Path(f"/dev/fd/{opened.fileno()}"), b"after")
+    assert (tmp_path / "a.txt").stat().st_ino == number
+    assert (tmp_path / "a.txt").read_bytes() == b"after"
+
+
 def test_what_fails_meanwhile_leaves_the_file_before(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_bytes(b"before")
     with pytest.raises(KeyboardInterrupt), replacing(tmp_path / "a.txt") as part:

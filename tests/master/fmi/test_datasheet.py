@@ -107,6 +107,10 @@ def test_a_difference_is_exit_code_1(dynamics: Any, tmp_path: Path) -> None:
     (tmp_path / "r.csv").write_text(text)
     done = command("check", str(file), "--reference", str(tmp_path / "r.csv"), "--tolerance", "0.02")
     assert done.exit_code == 0
+    done = command("check", str(file), "--reference", str(tmp_path / "r.csv"), "--tolerance", "0")
+    assert done.exit_code == 1 and "x: DIFFERS, by 0.01 at t = 1 s, allowed 0" in done.output
+    done = command("check", str(file), "--reference", str(tmp_path / "r.csv"), "--tolerance", "inf")
+    assert done.exit_code == 2 and "--tolerance inf: give a finite number" in done.output
 
 
 def test_references_with_inputs(dynamics: Any) -> None:

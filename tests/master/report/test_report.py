@@ -15,7 +15,7 @@ import pytest
 from lxml import etree
 from lxml import html as lxml_html
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import CosimError, SystemDescriptionError
 from cosim_master.report import markup
 from cosim_master.report.contents import Table, differences, programs, read_run, repetition
 from cosim_master.report.page import write_report
@@ -223,6 +223,20 @@ def test_a_name_beside_a_long_text_is_not_broken() -> None:
     rows = [line for line in markup.table(Table("t", ("who", "what"), [row, digest])) if "<td" in line]
     assert rows[0].startswith('<tr><td class="name">drone3.vehicle</td><td>it has')
     assert rows[1] == f'<tr><td class="name">digest</td><td>{"0" * 64}</td></tr>'
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [("instances", None, "null, not an object"), ("notes", 3, "3, not an array"), ("fmus", [], "[], not an object")],
+)
+def test_a_damaged_manifest_is_refused(run: Path, tmp_path: Path, name: str, value: Any, told: str) -> None:
+    shutil.copytree(run, tmp_path / "run")
+    file = tmp_path / "run" / "manifest.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), name: value}))
+    message = re.escape(f"{file}: not the manifest of a complete run: {name} is {told}")
+    with pytest.raises(SystemDescriptionError, match=message):
+        write_report([tmp_path / "run"], tmp_path / "r.html")
+    assert not (tmp_path / "r.html").exists()
 
 
 def test_folders_without_a_run_or_a_file_that_cannot_be_written(tmp_path: Path) -> None:

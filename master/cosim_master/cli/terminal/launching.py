@@ -8,8 +8,8 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from cosim_master.execution.options import RunOptions
     from cosim_master.execution.partitions.transport import Transport
 
-__all__ = ["leave", "left", "part_of", "serve_part", "start_parts"]
+__all__ = ["exit_code_told", "leave", "left", "part_of", "serve_part", "start_parts"]
 
-_COMMAND = (sys.executable, "-c", "from cosim_master.cli.terminal.launching import run_part; run_part()")
+_COMMAND = (sys.executable, "-c", "from cosim_master.cli import main; main()")
 _STATUS = "UAV_COSIM_EXIT_CODE"
 """Environment variable with the file for the exit code of part 0: that of mpirun depends on which one ends first."""
 _RANKS = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK")
@@ -82,12 +82,11 @@ def _started(parts: int, arguments: Sequence[str], file: Path) -> int:
             signal.signal(number, handler)
 
 
-def run_part() -> None:
-    """Runs this command in a process that `start_parts` has started."""
-    from cosim_master.cli import main
-
+@contextmanager
+def exit_code_told() -> Iterator[None]:
+    """Notes the exit code of a command that `start_parts` has started."""
     try:
-        main()
+        yield
     except SystemExit as end:
         _tell(end.code if isinstance(end.code, int) else int(end.code is not None))
         raise

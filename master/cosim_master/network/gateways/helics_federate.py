@@ -14,6 +14,7 @@ time with the next grant. Waiting is done in Python, so that a run can be interr
 
 from __future__ import annotations
 
+import logging
 import re
 import socket
 import time
@@ -27,6 +28,8 @@ from uuid import uuid4
 from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
 
 __all__ = ["Federate", "FederationAddress", "FederationLost", "Port", "read_address"]
+
+log = logging.getLogger(__name__)
 
 _ADDRESS = re.compile(r"(?P<kind>\w+):(?:(?P<host>[^:,]*):)?(?P<port>\d+)")
 _KINDS = ("zmq", "zmq_ss", "tcp", "tcp_ss")
@@ -164,6 +167,7 @@ class Federate:
             raise SystemDescriptionError([Problem(_WHERE, text)]) from None
         self._h: Any = helics
         self._address, self._ports, self._time = address, tuple(ports), 0.0
+        self._subscribed = tuple(subscribed)
         self._ended = False
         self._unanswered: Callable[[Any], Any] | None = None
         if address.kind.startswith("zmq"):  # brokers of tcp take a visitor for a federate
@@ -190,6 +194,8 @@ class Federate:
         h.helicsFederateInfoSetCoreInitString(about, broker)
         h.helicsFederateInfoSetFlagOption(about, h.HELICS_FLAG_UNINTERRUPTIBLE, True)
         h.helicsFederateInfoSetTimeProperty(about, h.HELICS_PROPERTY_TIME_DELTA, 1e-9)
+        # It would print them on standard output. Errors are exceptions, and `_note_unknown` tells the rest.
+        h.helicsFederateInfoSetIntegerProperty(about, h.HELICS_PROPERTY_INT_LOG_LEVEL, h.HELICS_LOG_LEVEL_NO_PRINT)
         return h.helicsCreateCombinationFederate(address.name, about)
 
     def enter(self, interrupted: Callable[[], bool]) -> bool:
@@ -200,7 +206,19 @@ class Federate:
         """
         h = self._h
         begin, complete = h.helicsFederateEnterExecutingModeAsync, h.helicsFederateEnterExecutingModeComplete
-        return self._awaited("begin", begin, complete, interrupted)
+        if not self._awaited("begin", begin, complete, interrupted):
+            return False
+        self._note_unknown()
+        return True
+
+    def _note_unknown(self) -> None:
+        """Notes endpoints and publications that no federate has: HELICS drops packets to them, and sends no values."""
+        asked = {"endpoints": {self._address.to} - {"", "*"}, "publications": {*self._subscribed}}
+        for what, names in asked.items():
+            known = self._h.helicsQueryExecute(self._h.helicsCreateQuery("root", what), self._federate)
+            for name in sorted(names - {*known}):
+                there = ", ".join(sorted(known)) or "none"
+                log.warning("note: no federate has %s %s; %s of the federation: %s", what[:-1], name, what, there)
 
     def request(self, at: float, interrupted: Callable[[], bool]) -> bool:
         """Waits until the federation grants a time, s; returns whether it has, and not an interruption.
