@@ -95,6 +95,11 @@ def _run(app: Any) -> None:
     except OutputFailed as error:  # of --help or --version; verbs have ended by themselves
         report_error(str(error))
         sys.exit(1)
+    except SystemExit as end:
+        if end.code == 130:  # it was asked to end; timeout(1) asks twice, the second time while Python ends
+            for name in {"SIGINT", "SIGTERM", "SIGHUP"} & {*signal.Signals.__members__}:
+                signal.signal(signal.Signals[name], signal.SIG_IGN)
+        raise
 
 
 def _refuse_no_name(arguments: list[str]) -> None:

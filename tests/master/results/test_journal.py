@@ -476,6 +476,22 @@ def test_a_signal_to_the_process_and_its_group_ends_a_run_as_ctrl_c_does(probes:
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "interrupted"
 
 
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_a_signal_while_an_interrupted_command_ends_changes_nothing(probes: Any, tmp_path: Path) -> None:
+    probes.fmu(step=0.01)
+    system = probes.ssd(probes.component("a"), stop=1e6)
+    program = "import atexit, os, signal\nfrom cosim_master.cli import main\n"
+    program += "atexit.register(os.kill, os.getpid(), signal.SIGTERM)\nmain()\n"
+    command = [sys.executable, "-c", program, "run", "--isolate", "none", str(system), "-o", "out", "--pace", "1"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True) as running:
+        log = tmp_path / "calls.txt"
+        while running.poll() is None and not (log.exists() and "step 1 " in log.read_text()):
+            time.sleep(0.05)
+        running.send_signal(signal.SIGTERM)
+        _, errors = running.communicate(timeout=300)
+    assert running.returncode == 130, errors
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="processes of FMUs")
 def test_an_isolated_fmu_that_hangs_is_ended_by_the_second_signal(probes: Any, tmp_path: Path) -> None:
     """The run fails as if its process had crashed: nothing is lost, and the exit code is that of a failure."""
