@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -675,6 +676,20 @@ def test_options_of_systems_are_not_taken_for_files(run: Any, tmp_path: Path) ->
         text = f"error: new: {option} belongs to a new system; with FILE (law.py), leave it out\n"
         assert run("new", "agent", "law.py", option, value) == (2, "", text)
     assert list(tmp_path.glob("*.py")) == []
+
+
+def test_an_fmu_is_one_whatever_the_case_of_its_name(run: Any, probes: Any, tmp_path: Path) -> None:
+    shutil.copy(probes.fmu(), tmp_path / "PROBE.FMU")
+    code, stdout, _ = run("info", "PROBE.FMU", "--json")
+    assert code == 0 and json.loads(stdout)["kind"] == "fmu"
+
+
+def test_a_kind_of_figure_that_is_given_twice_is_drawn_once(run: Any, system: Path) -> None:
+    assert run("run", str(system), "-o", "results")[0] == 0
+    code, stdout, _ = run("plot", "results", "--signal", "a.y", "--format", "svg", "--format", "svg", "--json")
+    assert code == 0
+    (file,) = json.loads(stdout)["files"]
+    assert file.endswith(".svg")
 
 
 def test_a_name_that_is_too_long_is_refused(run: Any, system: Path) -> None:
