@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -29,6 +30,8 @@ __all__ = ["exit_code_told", "leave", "left", "part_of", "serve_part", "start_pa
 _COMMAND = (sys.executable, "-c", "from cosim_master.cli import main; main()")
 _STATUS = "UAV_COSIM_EXIT_CODE"
 """Environment variable with the file for the exit code of part 0: that of mpirun depends on which one ends first."""
+_TURN = 10.0
+"""Seconds that other parts leave to part 0 to tell an error that all have."""
 _RANKS = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK")
 
 
@@ -135,10 +138,14 @@ def part_of(
     from cosim_master.execution.partitions.mpi import MpiTransport
 
     first = all(os.environ.get(name, "0") == "0" for name in _RANKS)
-    out.quiet = err.quiet = not first  # what is wrong before the parts have met is wrong for all
-    transport = MpiTransport(
-        60.0 if seconds is None else seconds, () if file is None else read_assignment(file, there).hosts
-    )
+    try:
+        hosts = () if file is None else read_assignment(file, there).hosts
+    except CosimError:
+        if not first:  # the first process to end ends all: let it be part 0, unless the file is wrong here only
+            time.sleep(_TURN)
+        raise
+    out.quiet = err.quiet = not first  # what is wrong from here on is wrong for all
+    transport = MpiTransport(60.0 if seconds is None else seconds, hosts)
     if transport.parts == 1:
         text = f"the launcher has started {there} processes, but {transport.library} sees one: it is not the launcher's"
         raise usage(f"{text} MPI library; name that one by MPI4PY_LIBMPI (docs/distributed.md)")
