@@ -106,7 +106,7 @@ class MpiTransport:
     def receive(self, source: int, *, patient: bool = False) -> bytes:
         """Returns the next message; see `Transport`."""
         if source in self._gone:
-            raise PartLost(source, "it has ended", ended=True)
+            raise PartLost(source, "it has ended", ended=source in self._ended)
         try:
             longer = _PATIENCE if patient else _LONGER if source == 0 else 1
             message = self._next(source, self.seconds * longer, _PATIENT if patient else "")

@@ -213,9 +213,18 @@ class Federate:
 
     def _note_unknown(self) -> None:
         """Notes endpoints and publications that no federate has: HELICS drops packets to them, and sends no values."""
+        h = self._h
         asked = {"endpoints": {self._address.to} - {"", "*"}, "publications": {*self._subscribed}}
         for what, names in asked.items():
-            known = self._h.helicsQueryExecute(self._h.helicsCreateQuery("root", what), self._federate)
+            if not names:
+                continue
+            try:
+                known = h.helicsQueryExecute(h.helicsCreateQuery("root", what), self._federate)
+            except h.HelicsException as error:
+                raise FederationLost(f"the HELICS federation has failed: {error}") from None
+            if not isinstance(known, list):  # an error, as HELICS tells it
+                log.warning("note: HELICS does not tell the %s of the federation: %s", what, known)
+                continue
             for name in sorted(names - {*known}):
                 there = ", ".join(sorted(known)) or "none"
                 log.warning("note: no federate has %s %s; %s of the federation: %s", what[:-1], name, what, there)

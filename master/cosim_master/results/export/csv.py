@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 import pyarrow as pa
 
-from cosim_master.files.whole import writing
+from cosim_master.files.whole import replacing, writing
 from cosim_master.results.export.options import Options
 from cosim_master.results.reading.recorded_signals import open_signals
 
@@ -58,7 +58,7 @@ def export_csv(run: Path, file: Path | TextIO, *, numbers_only: bool = False) ->
         if isinstance(file, Path):
             with writing(file):
                 file.parent.mkdir(parents=True, exist_ok=True)
-                with file.open("w", encoding="utf-8", newline="\n") as out:
+                with replacing(file) as part, part.open("w", encoding="utf-8", newline="\n") as out:
                     _write(out, signals, names)
         else:
             _write(file, signals, names)

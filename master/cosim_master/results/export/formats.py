@@ -153,11 +153,12 @@ def check_place(run: Path, one: Format, file: Path) -> None:
 
 @contextmanager
 def _new(folder: Path) -> Iterator[Path]:
-    """Removes a new folder after an error."""
+    """Yields a folder that is new or empty, and makes it so again after an error."""
     existed = folder.exists()
     try:
         yield folder
     except BaseException:
-        if not existed:
-            shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
+        if existed:
+            folder.mkdir(exist_ok=True)
         raise

@@ -23,7 +23,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim_master.files.whole import writing
+from cosim_master.files.whole import replacing, writing
 from cosim_master.results.figures.motion import (
     draw_altitude,
     draw_errors,
@@ -78,7 +78,8 @@ def figures(
                 folder.mkdir(parents=True, exist_ok=True)
             for suffix in dict.fromkeys(formats):
                 files.append(folder / f"{name}.{suffix}")
-                figure.savefig(files[-1], metadata=_metadata(suffix, drawn_of))
+                with replacing(files[-1]) as part:
+                    figure.savefig(part, metadata=_metadata(suffix, drawn_of))
     return files
 
 

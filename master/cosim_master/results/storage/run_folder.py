@@ -53,13 +53,11 @@ class RunFolder:
         """
         for path in self._candidates():
             try:
-                (path / CAMPAIGN).stat()
-            except (FileNotFoundError, NotADirectoryError):
-                pass
+                is_campaign = (path / CAMPAIGN).is_file()
             except OSError as error:  # its name is too long, for example
                 text = f"cannot hold the results of a run: {error.strerror}"
                 raise SystemDescriptionError([Problem(Where(str(path)), text)]) from None
-            if (path / CAMPAIGN).is_file():
+            if is_campaign:
                 if self.numbered:
                     continue
                 raise SystemDescriptionError([Problem(Where(str(path)), "holds a campaign; give another folder")])
