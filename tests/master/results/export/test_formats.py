@@ -440,3 +440,18 @@ def test_a_missing_library_names_its_extra(
     done = CliRunner().invoke(app, ["export", str(flown), f"--{name}", str(tmp_path / f"x{NAMED[name].suffix}")])
     assert done.exit_code == 2
     assert done.stderr.splitlines()[-1] == f"error: {package} is not installed; try pip install 'uav-cosim[{extra}]'"
+
+
+def test_a_folder_that_was_empty_is_empty_again_after_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def export(run: Path, file: Path, options: Options) -> list[str]:
+        file.mkdir(exist_ok=True)
+        (file / "half.tlog").write_text("x")
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "run").mkdir()
+    (tmp_path / "logs").mkdir()
+    monkeypatch.setattr("cosim_master.results.export.tlog.export", export)
+    for name in ("logs", "new"):
+        with pytest.raises(WriteFailed, match=f"{name}: cannot be written: No space left on device"):
+            export_run(tmp_path / "run", NAMED["tlog"], tmp_path / name, Options())
+    assert list((tmp_path / "logs").iterdir()) == [] and not (tmp_path / "new").exists()
