@@ -6,61 +6,47 @@ their byte offsets instead, which `cosim.model.record_layout` provides.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from cosim.deferred import InModule
 from cosim.kernel import PLAIN, kernel
 
 __all__ = ["get_real", "get_whole", "set_real", "set_whole"]
 
 
-def _get_real(record: Any, offset: int) -> float:
+def _plain_get_real(record: Any, offset: int) -> float:
     return float(record.getfield(np.float64, int(offset)))
 
 
-def _set_real(record: Any, offset: int, value: float) -> None:
+def _plain_set_real(record: Any, offset: int, value: float) -> None:
     record.setfield(value, np.float64, int(offset))
 
 
-def _get_whole(record: Any, offset: int) -> int:
+def _plain_get_whole(record: Any, offset: int) -> int:
     return int(record.getfield(np.int32, int(offset)))
 
 
-def _set_whole(record: Any, offset: int, value: int) -> None:
+def _plain_set_whole(record: Any, offset: int, value: int) -> None:
     record.setfield(value, np.int32, int(offset))
 
 
-if not PLAIN:
-    from numba import types
-    from numba.core import cgutils
-    from numba.extending import intrinsic
+def _module() -> Any:
+    from cosim import fields_compiled
 
-    def _reader(kind: Any) -> Any:
-        def read(typing: Any, record: Any, offset: Any) -> Any:  # noqa: ARG001 (numba prescribes the arguments)
-            def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
-                address = builder.bitcast(arguments[0], cgutils.voidptr_t)
-                place = builder.gep(address, [arguments[1]])
-                return builder.load(builder.bitcast(place, context.get_value_type(kind).as_pointer()))
+    return fields_compiled
 
-            return kind(record, types.int64), lower
 
-        return intrinsic(read)
+def _compiled(name: str) -> Any:
+    return InModule(_module, name)
 
-    def _writer(kind: Any) -> Any:
-        def write(typing: Any, record: Any, offset: Any, value: Any) -> Any:  # noqa: ARG001
-            def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
-                address = builder.bitcast(arguments[0], cgutils.voidptr_t)
-                place = builder.gep(address, [arguments[1]])
-                builder.store(arguments[2], builder.bitcast(place, context.get_value_type(kind).as_pointer()))
-                return context.get_dummy_value()
 
-            return types.void(record, types.int64, kind), lower
-
-        return intrinsic(write)
-
-    _get_real, _set_real = _reader(types.float64), _writer(types.float64)
-    _get_whole, _set_whole = _reader(types.int32), _writer(types.int32)
+_get_real: Callable[[Any, int], float] = _plain_get_real if PLAIN else _compiled("get_real")
+_set_real: Callable[[Any, int, float], None] = _plain_set_real if PLAIN else _compiled("set_real")
+_get_whole: Callable[[Any, int], int] = _plain_get_whole if PLAIN else _compiled("get_whole")
+_set_whole: Callable[[Any, int, int], None] = _plain_set_whole if PLAIN else _compiled("set_whole")
 
 
 @kernel

@@ -23,7 +23,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from functools import cache, partial
+from functools import cache, cached_property, partial, update_wrapper
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,14 +31,20 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from cosim.deferred import Deferred
+
 __all__ = [
     "PLAIN",
+    "Kernel",
     "cache_folder",
+    "compiler",
     "forget_unused",
     "has_code",
     "imported_sources",
     "kernel",
+    "processor",
     "table",
+    "used_code",
 ]
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -50,6 +56,9 @@ An interpreted FMU may run under a Python without numba: slower, with the same r
 """
 
 _OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy", "nogil": True, "_nrt": False}
+used_code: dict[Path, None] = {}
+"""The files of machine code that this process has loaded or written."""
+
 _UNUSED_AFTER = 14 * 24 * 3600.0
 
 
@@ -63,13 +72,48 @@ def kernel(function: F, *, inline: bool = False) -> F:
     Args:
         inline: compile the kernel into each caller; passing many arrays takes longer than some FMI calls.
     """
-    if PLAIN:
-        return function
-    compiled = _dispatcher()(function, targetoptions={**_OPTIONS, "forceinline": inline})
-    source = Path(function.__code__.co_filename)
-    if function.__closure__ is None and _in_package(source.parent):
-        compiled.keep(partial(_code_folders, source))
-    return cast(F, compiled)
+    return function if PLAIN else cast(F, Kernel(function, inline=inline))
+
+
+class Kernel(Deferred):
+    """A function that numba compiles when it is first called or when a caller is compiled, and imports until then not.
+
+    It has all attributes of numba's dispatcher (`cosim.lowering.Kernel`).
+    """
+
+    def __init__(self, function: Callable[..., Any], *, inline: bool = False) -> None:
+        update_wrapper(self, function)
+        self.py_func = function
+        self._inline = inline
+
+    @cached_property
+    def folders(self) -> Callable[[], tuple[Path, Path]] | None:
+        """Returns the folders of machine code, the package's own and the user's; None: it is not stored."""
+        source = Path(self.py_func.__code__.co_filename)
+        return (
+            partial(_code_folders, source) if self.py_func.__closure__ is None and _in_package(source.parent) else None
+        )
+
+    @cached_property
+    def compiled(self) -> Any:
+        compiler()
+        from cosim.lowering import Kernel as Dispatcher
+
+        made = Dispatcher(self.py_func, targetoptions={**_OPTIONS, "forceinline": self._inline})
+        if self.folders is not None:
+            made.keep(self.folders)
+        return made
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        return self.compiled(*arguments, **named)
+
+    def __repr__(self) -> str:
+        return f"Kernel({self.py_func!r})"
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "compiled" or name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.compiled, name)
 
 
 @cache
@@ -77,19 +121,26 @@ def _in_package(folder: Path) -> bool:
     return (folder / "__init__.py").is_file()
 
 
+def processor() -> tuple[str, str] | None:
+    """Returns the processor and the features for which kernels are compiled, in LLVM's names; None: this one.
+
+    The stepping loop calls FMUs that are compiled for any x86-64. When the loop itself used AVX-512, a Quadrotor's step
+    took 0.1 us longer, probably because wide and SSE code alternate on the same registers (ARCHITECTURE, section 5).
+    """
+    given = os.environ.get("NUMBA_CPU_NAME")
+    if given is not None or platform.machine() not in ("x86_64", "AMD64"):
+        return None
+    return "x86-64-v2", ""
+
+
 @cache
-def _dispatcher() -> Any:
-    """Returns `cosim.lowering.Kernel`. numba takes half a second to import: programs without kernels do not wait."""
+def compiler() -> Any:
+    """Returns numba, prepared to compile kernels; it takes longer to import than all that a short run does."""
     numba: Any = import_module("numba")
-
-    if platform.machine() in ("x86_64", "AMD64") and numba.config.CPU_NAME is None:
-        # The stepping loop calls FMUs that are compiled for any x86-64. When the loop itself used AVX-512, a
-        # Quadrotor's step took 0.1 us longer, probably because wide and SSE code alternate on the same registers
-        # (ARCHITECTURE, section 5).
-        numba.config.CPU_NAME, numba.config.CPU_FEATURES = "x86-64-v2", ""
-    from cosim.lowering import Kernel
-
-    return Kernel
+    if (chosen := processor()) is not None:
+        numba.config.CPU_NAME, numba.config.CPU_FEATURES = chosen
+    import_module("cosim.lowering")
+    return numba
 
 
 def table(rows: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

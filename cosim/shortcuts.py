@@ -35,12 +35,16 @@ from numba.core.base import BaseContext
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager, pass_timings
 from numba.core.dispatcher import Dispatcher
+from numba.core.interpreter import Interpreter
 from numba.core.ir_utils import fixup_var_define_in_scope
+from numba.core.registry import cpu_target
 from numba.core.rewrites.registry import rewrite_registry
 from numba.core.types import Array, StringLiteral, Type
 from numba.core.types.functions import BaseFunction
 from numba.core.typing.context import BaseContext as TypingContext
 from numba.np import linalg
+
+from cosim.deferred import InModule, compiled
 
 __all__ = ["use"]
 
@@ -74,11 +78,40 @@ _resolve_value_type: Any = unwrap(TypingContext.resolve_value_type)
 @wraps(_resolve_value_type)
 def _known_value_type(self: Any, value: Any) -> Any:
     """Returns the type of a constant: that of a kernel and of a declared function without trying all others first."""
+    value = _resolved(value)  # an attribute of a module
     if isinstance(value, Dispatcher):
         return value._numba_type_
     if type(value) is BuiltinFunctionType and (found := self._get_global_type(value)) is not None:
         return found
     return _resolve_value_type(self, value)
+
+
+_get_global: Any = unwrap(Interpreter.get_global_value)
+_get_closure: Any = unwrap(Interpreter.get_closure_value)
+
+
+@wraps(_get_global)
+def _global_value(self: Any, name: str) -> Any:
+    """Returns the value of a name of the function's module; of a stand-in, what it stands for."""
+    return _resolved(_get_global(self, name))
+
+
+@wraps(_get_closure)
+def _closure_value(self: Any, index: int) -> Any:
+    """Returns the value of a name of an enclosing function; of a stand-in, what it stands for."""
+    return _resolved(_get_closure(self, index))
+
+
+_in_modules: set[int] = set()
+
+
+def _resolved(value: Any) -> Any:
+    """Returns what a stand-in stands for; numba then knows what the module declares that defines it."""
+    found = compiled(value)
+    if isinstance(value, InModule) and id(value) not in _in_modules:
+        _in_modules.add(id(value))
+        cpu_target.target_context.refresh()
+    return found
 
 
 # ---- variables -------------------------------------------------------------------------------------------------------
@@ -392,6 +425,8 @@ def use() -> None:
     kinds.__instancecheck__, kinds.__subclasscheck__ = type.__instancecheck__, type.__subclasscheck__
     setattr(BaseFunction, "get_call_type", _known_call_type)  # noqa: B010 (numba is typed in part)
     setattr(TypingContext, "resolve_value_type", _known_value_type)  # noqa: B010
+    setattr(Interpreter, "get_global_value", _global_value)  # noqa: B010
+    setattr(Interpreter, "get_closure_value", _closure_value)  # noqa: B010
     ir.Inst._rec_list_vars = _list_variables
     postproc.PostProcessor.run = _postprocess
     typed_passes.IRLegalization.run_pass = _legalize_kernel

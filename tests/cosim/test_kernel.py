@@ -19,11 +19,11 @@ FOR = "from numba.core.registry import cpu_target; print(cpu_target.target_conte
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="others are compiled for what they are")
 @pytest.mark.parametrize(
     "module",
-    ["stepping.kernels.fmi_calls", "stepping.profiling", "execution.simulate"],
+    ["network.radio.intrinsics", "stepping.kernels.intrinsics", "execution.simulate"],
 )
 def test_all_is_compiled_for_one_processor_whatever_is_imported_first(module: str) -> None:
     """numba looks once, when it makes its first function; a cache of one processor is of no use for another."""
-    imports = f"import cosim_master.{module}, cosim_master.execution.execution, cosim.packets; "
+    imports = f"import cosim_master.{module}; from cosim.kernel import compiler; compiler(); "
     done = subprocess.run([sys.executable, "-c", imports + FOR], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("'x86-64-v2', '')")
 

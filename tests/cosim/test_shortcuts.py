@@ -129,6 +129,7 @@ def test_a_call_is_resolved_once(function: Any, arguments: tuple[Any, ...], monk
 
 def test_an_error_is_found_each_time() -> None:
     context = cpu_target.typing_context
+    context.refresh()
     of = context.resolve_value_type(math.sin)
     assert isinstance(of, BaseFunction)
     texts = []

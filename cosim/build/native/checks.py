@@ -34,6 +34,8 @@ from numba.core.typed_passes import AnnotateTypes, NativeLowering
 from numba.core.untyped_passes import IRProcessing
 from numba.extending import intrinsic
 
+from cosim.deferred import compiled
+
 __all__ = ["MOST_PASSES", "checked", "texts_of_exceptions"]
 
 MOST_PASSES = 100_000_000
@@ -47,8 +49,9 @@ _ignored = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)(lambda *_: Non
 llvm.add_symbol(_INDEX_FAILED, ctypes.cast(_ignored, ctypes.c_void_p).value)  # numba links everything that it compiles
 
 
-def checked(kernel: Dispatcher) -> Dispatcher:
+def checked(kernel: Any) -> Dispatcher:
     """Returns a checked version of the kernel, not compiled yet; the kernels that it calls are checked as well."""
+    kernel = compiled(kernel)
     if kernel not in _checked:
         options = {**kernel.targetoptions, "boundscheck": True, "error_model": "python"}
         made: Any = type(kernel)(kernel.py_func, targetoptions=options, pipeline_class=_Compiler)
@@ -94,7 +97,8 @@ class _Guards(FunctionPass):
         elif isinstance(value, ir.Expr) and value.op == "getattr":  # module.kernel
             with suppress(KeyError):
                 of = func_ir.get_definition(value.value)
-                found = getattr(getattr(of, "value", None), value.attr, None) if isinstance(of, ir.Global) else None
+                module = getattr(of, "value", None) if isinstance(of, ir.Global) else None
+                found = compiled(getattr(module, value.attr, None))
                 if isinstance(found, Dispatcher):
                     statement.value = ir.Global(value.attr, _with_checks(found, value.loc), value.loc)
 
@@ -312,9 +316,9 @@ def _within(unchecked: Any, size: int) -> Any:
 
 _fields: Any = import_module("cosim.fields")
 _BY_OFFSET = {
-    id(getattr(_fields, name)): _within(getattr(_fields, f"_{name}"), size)
+    id(compiled(getattr(_fields, name))): _within(compiled(getattr(_fields, f"_{name}")), size)
     for name, size in (("get_real", 8), ("set_real", 8), ("get_whole", 4), ("set_whole", 4))
-    if hasattr(getattr(_fields, f"_{name}"), "_defn")
+    if hasattr(compiled(getattr(_fields, f"_{name}")), "_defn")
 }
 """Kernels that read and write by offset -> their checked versions; errors give the line of the call."""
 

@@ -30,6 +30,7 @@ from cosim.build.description3 import TIME, exported, model_description3, termina
 from cosim.build.faults import faults_of, place
 from cosim.build.native.objects import object_code
 from cosim.build.sources import Sources
+from cosim.kernel import compiler
 from cosim.model import Model, Variable, busy_part, flat_variables, record_layout
 
 __all__ = ["HOST", "TARGETS", "CannotCompile", "build_compiled", "kernel_code"]
@@ -143,7 +144,7 @@ def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> str:
     from cosim.build.native.checks import texts_of_exceptions
     from cosim.lowering import Kernel, ShortRecord, link
 
-    numba: Any = import_module("numba")
+    numba = compiler()
     types = numba.types
 
     if numba.config.DISABLE_JIT:

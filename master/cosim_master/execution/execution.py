@@ -14,6 +14,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from typing import Self
 
+from cosim.entry import forget_tables
 from cosim_master.diagnostics.errors import FmuError, RunFailed
 from cosim_master.execution.algorithms.choice import algorithm_for
 from cosim_master.execution.algorithms.fixed_step import FixedStep
@@ -187,4 +188,5 @@ class Execution:
         """Terminates and frees all instances, each once, even if others fail; returns the errors."""
         self._workers.stop()
         self._opened.close()
+        forget_tables()
         return self._instances.end()

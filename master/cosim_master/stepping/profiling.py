@@ -15,11 +15,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-import numba
 import numpy as np
-from numba import types
 
-from cosim.kernel import PLAIN
+from cosim.kernel import PLAIN, compiler
 from cosim_master.fmi.calls import WIDTHS
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.fmi_calls import (
@@ -150,6 +148,8 @@ def _functions() -> tuple[Any, ...]:
 
     fmi2DoStep, fmi2GetXXX or fmi2SetXXX; fmi3DoStep, fmi3GetXXX or fmi3SetXXX, fmi3GetBinary or fmi3SetBinary.
     """
+    numba = compiler()
+    types = numba.types
 
     @numba.cfunc(types.int32(types.uintp, types.double, types.double, types.int32), nogil=True)
     def step(row: int, t: float, h: float, final: int) -> int:

@@ -12,14 +12,13 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
 from cosim.channel import PACKET
-from cosim.kernel import PLAIN
+from cosim.kernel import PLAIN, used_code
 from cosim_master.fmi.calls import CALL
 from cosim_master.network.radio import logs, queues, replay, router
 from cosim_master.network.radio import tables as radio
@@ -27,7 +26,7 @@ from cosim_master.network.radio.tables import Radio
 from cosim_master.stepping.kernels import frames, instances, macro_step, tables, threads
 from cosim_master.stepping.kernels.tables import Plan
 
-__all__ = ["EVERY_RUN", "IN_PARTS", "compile_loop", "kernels_of_runs", "types_of"]
+__all__ = ["EVERY_RUN", "IN_PARTS", "compile_loop", "kernels_of_runs"]
 
 EVERY_RUN = ("run", "collect_all", "places_needed", "sent_bytes", "divide")
 """Kernels that every run requires."""
@@ -104,40 +103,30 @@ def _element(hint: Any) -> np.dtype[Any]:
     return kind
 
 
-def types_of() -> tuple[Any, Any]:
-    """Returns numba's types of a plan and of a radio."""
-    numba: Any = import_module("numba")
-    return numba.typeof(_empty(Plan)), numba.typeof(_empty(Radio))
-
-
 def kernels_of_runs() -> dict[str, tuple[Any, tuple[Any, ...]]]:
-    """Returns the kernels that Python calls during a run, by name, with numba's types of their arguments."""
-    numba: Any = import_module("numba")
-    plan, air = types_of()
-    whole = numba.int64
-    chosen, port = whole[::1], numba.uint8[::1]
-    endpoints, places = (air[Radio._fields.index(name)] for name in ("endpoints", "places"))
-    received = numba.types.Array(numba.uint8, 1, "C", readonly=True)
-    reals, bits = numba.float64[::1], numba.uint8[:, ::1]
-    posts, framed = air[Radio._fields.index("outbox")], numba.typeof(frames.frames_of((), (), 1))
+    """Returns the kernels that Python calls during a run, by name, with arguments of the types with which it does."""
+    plan, air = _empty(Plan), _empty(Radio)
+    chosen, port = np.zeros(1, np.int64), np.zeros(1, np.uint8)
+    received = np.frombuffer(b"\0", np.uint8)
+    reals, bits = np.zeros(1), np.zeros((1, 1), np.uint8)
     return {
-        "run": (macro_step.run, (plan, air, whole)),
+        "run": (macro_step.run, (plan, air, 0)),
         "collect_all": (instances.collect_all, (plan,)),
         "places_needed": (macro_step.places_needed, (plan, air)),
         "sent_bytes": (macro_step.sent_bytes, (plan,)),
-        "work": (threads.work, (plan, air, whole)),
+        "work": (threads.work, (plan, air, 0)),
         "record": (macro_step.record, (plan,)),
         "end_here": (macro_step.end_here, (plan, chosen)),
         "step_each": (instances.step_each, (plan, chosen)),
         "step_together": (instances.step_together, (plan, chosen)),
         "collect_again": (instances.collect_again, (plan, chosen)),
-        "admit": (router.admit, (air, reals, whole, whole, received, whole)),
-        "arrived": (queues.arrived, (endpoints, places, whole, whole)),
-        "deliver": (queues.deliver, (air, whole, whole, port)),
-        "divide": (logs.divide, (received, whole, chosen, port)),
-        "run_framed": (frames.run_framed, (plan, air, framed, whole)),
+        "admit": (router.admit, (air, reals, 0, 0, received, 0)),
+        "arrived": (queues.arrived, (air.endpoints, air.places, 0, 0)),
+        "deliver": (queues.deliver, (air, 0, 0, port)),
+        "divide": (logs.divide, (received, 0, chosen, port)),
+        "run_framed": (frames.run_framed, (plan, air, frames.frames_of((), (), 1), 0)),
         "outbox_needed": (macro_step.outbox_needed, (plan,)),
-        "replay": (replay.replay, (air, reals, posts, bits, chosen, bits, whole, whole)),
+        "replay": (replay.replay, (air, reals, air.outbox, bits, chosen, bits, 0, 0)),
     }
 
 
@@ -147,18 +136,16 @@ def compile_loop(names: Sequence[str] | None = None) -> None:
         return
     kernels = kernels_of_runs()
     for name in names or kernels:
-        kernel, types = kernels[name]
-        kernel.compile(types)
+        kernel, arguments = kernels[name]
+        kernel.prepare(*arguments)
 
 
 def main(arguments: Sequence[str]) -> None:
     """Writes the code of the loop to the folder that `arguments` name."""
     if len(arguments) != 1:
         sys.exit("usage: python -m cosim_master.stepping.warming FOLDER")
-    from cosim.lowering import saved_code
-
     compile_loop()
-    for file in saved_code():
+    for file in used_code:
         kept = Path(arguments[0]) / file.parent.name / file.name
         kept.parent.mkdir(parents=True, exist_ok=True)
         if kept != file:

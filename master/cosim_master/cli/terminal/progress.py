@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from rich.live import Live
@@ -19,6 +18,7 @@ from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
 
+from cosim.deferred import on_compilation
 from cosim_master.cli.terminal.console import err, is_live, is_quiet
 
 if TYPE_CHECKING:
@@ -198,26 +198,20 @@ def compiling(doing: Activity) -> Iterator[None]:
 
     The compiler reports the functions that it compiles, not those that it loads from its cache.
     """
-    event: Any = import_module("numba.core.event")
+    depth = 0
 
-    class Listener(event.Listener):  # type: ignore[misc]
-        depth = 0
+    def tell(function: Callable[..., Any], begins: bool) -> None:
+        nonlocal depth
+        depth += 1 if begins else -1
+        if not begins or depth > 1:
+            return
+        if function.__module__ == "cosim_master.stepping.kernels.macro_step":
+            doing.stage("compiling the stepping loop (once, about 30 s)", long=True)
+        else:
+            doing.stage(f"compiling {function.__module__}.{function.__qualname__} (once)")
 
-        def on_start(self, happened: Any) -> None:
-            self.depth += 1
-            if self.depth == 1:
-                function = happened.data["dispatcher"].py_func
-                if function.__module__ == "cosim_master.stepping.kernels.macro_step":
-                    doing.stage("compiling the stepping loop (once, about 30 s)", long=True)
-                else:
-                    doing.stage(f"compiling {function.__module__}.{function.__qualname__} (once)")
-
-        def on_end(self, _: Any) -> None:
-            self.depth -= 1
-
-    listener = Listener()
-    event.register("numba:compile", listener)
+    on_compilation.append(tell)
     try:
         yield
     finally:
-        event.unregister("numba:compile", listener)
+        on_compilation.remove(tell)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.entry import entry
 from cosim.kernel import kernel
 from cosim_master.network.radio.queues import LOG_HEAD
 
@@ -14,7 +15,7 @@ STAMP = 8
 """Bytes before a packet in a log: microseconds, big-endian."""
 
 
-@kernel
+@entry
 def divide(block: NDArray[np.uint8], epoch: int, ends: NDArray[np.int64], content: NDArray[np.uint8]) -> None:
     """Copies the entries of a log block, in their order, to the logs of their nodes, and those sent to the last log.
 

@@ -9,38 +9,29 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic as _numba_intrinsic
 
+from cosim.deferred import InModule
 from cosim.kernel import PLAIN, kernel
 from cosim_master.network.radio.tables import Radio
 
 __all__ = ["expect_bytes", "expect_place"]
 
-_intrinsic: Any = _numba_intrinsic
 _LINE = 64
 _USED = 40
 """Bytes of a PLACE that every packet uses."""
 
 
-def _prefetch(typing: Any, address: Any) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        pointer, number = ir.IntType(8).as_pointer(), ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [pointer, number, number, number])
-        function = builder.module.declare_intrinsic("llvm.prefetch.p0i8", (), kind)
-        hints = [ir.Constant(number, one) for one in (0, 3, 1)]  # to be read, into all caches, data
-        builder.call(function, [builder.inttoptr(arguments[0], pointer), *hints])
-        return context.get_dummy_value()
+def _intrinsics() -> Any:
+    from cosim_master.network.radio import intrinsics
 
-    return types.none(types.uintp), codegen
+    return intrinsics
 
 
 def _plain_prefetch(_address: int) -> None:
     """Does nothing: prefetching changes no result."""
 
 
-prefetch: Any = _plain_prefetch if PLAIN else _intrinsic(_prefetch)
+prefetch: Any = _plain_prefetch if PLAIN else InModule(_intrinsics, "prefetch")
 
 
 @kernel

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.entry import entry
 from cosim.kernel import kernel
 from cosim.packets import component, copy, message_id, sequence, system
 from cosim_master.network.radio.prefetching import expect_place
@@ -119,7 +120,7 @@ def record_event(
     r.counters[USED_EVENTS] += 1
 
 
-@kernel
+@entry
 def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
     """Copies packets that reached endpoint `e` by time t [ns] into `buf`; returns the bytes. Excess packets wait."""
     n = 0
@@ -162,7 +163,7 @@ def take_delivered(r: Radio, t: int, e: int) -> None:
         _account(r, t, e, place)
 
 
-@kernel
+@entry
 def arrived(endpoints: NDArray[Any], places: NDArray[Any], t: int, e: int) -> bool:
     """Returns whether a packet has reached endpoint `e` by time t [ns]. Called for every endpoint in every step."""
     first = endpoints[e].first

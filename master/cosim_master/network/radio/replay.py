@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.entry import entry
 from cosim.kernel import kernel
 from cosim_master.network.radio.air import transmit
 from cosim_master.network.radio.queues import record_event
@@ -35,7 +36,7 @@ def _part_nodes(r: Radio, of_node: NDArray[np.int64], beyond: NDArray[np.uint8],
     return found
 
 
-@kernel
+@entry
 def replay(
     r: Radio,
     positions: NDArray[np.float64],

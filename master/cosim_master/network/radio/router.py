@@ -22,6 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.entry import entry
 from cosim.kernel import kernel
 from cosim.packets import (
     BAD_CRC,
@@ -170,7 +171,7 @@ def _own_message(r: Radio, buf: NDArray[np.uint8], start: int) -> tuple[int, int
     return UNKNOWN, 0
 
 
-@kernel
+@entry
 def admit(r: Radio, reals: NDArray[np.float64], t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
     """Routes the packets in buf[:n] that gateway g received by time t [ns]. They are complete and have correct CRCs."""
     w = r.gateways[g]

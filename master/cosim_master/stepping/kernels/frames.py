@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.kernel import kernel
+from cosim.entry import entry
 from cosim_master.network.radio.tables import Radio
 from cosim_master.stepping.kernels.exchange import feed
 from cosim_master.stepping.kernels.macro_step import next_point, run
@@ -48,7 +48,7 @@ def frames_of(reals: Sequence[int], ints: Sequence[int], rows: int) -> Frames:
     )
 
 
-@kernel
+@entry
 def run_framed(p: Plan, r: Radio, f: Frames, k_stop: int) -> int:
     """Makes macro steps as `run` does, with a frame at the end of each."""
     while True:

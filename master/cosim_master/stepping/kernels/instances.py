@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.entry import entry
 from cosim.kernel import kernel
 from cosim.packets import decode_base64, encode_base64
 from cosim_master.fmi.calls import PACKED
@@ -459,14 +460,14 @@ def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
     return failed
 
 
-@kernel
+@entry
 def step_each(p: Plan, chosen: NDArray[np.int64]) -> None:
     """Exchanges and steps the instances `chosen`, one after the other."""
     p.counters[FAILURES] += step_in_order(p, p.counters[K], chosen)
     p.counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)
 
 
-@kernel
+@entry
 def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
     """Exchanges for all instances `chosen`, then steps them."""
     for i in chosen:
@@ -475,7 +476,7 @@ def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
     p.counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)
 
 
-@kernel
+@entry
 def collect_all(p: Plan) -> None:
     """Collects the outputs of every instance after initialization, and the values that never change after it."""
     at = running(p)
@@ -500,7 +501,7 @@ def any_pending(instances: NDArray[Any]) -> bool:
     return bool(pending > 0)
 
 
-@kernel
+@entry
 def collect_again(p: Plan, chosen: NDArray[np.int64]) -> None:
     """Collects the outputs of the instances `chosen` at the end of their steps, after their events."""
     at = running(p)

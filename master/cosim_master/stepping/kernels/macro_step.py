@@ -31,6 +31,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.entry import entry
 from cosim.kernel import kernel
 from cosim.packets import MAX_PACKET, encode_base64
 from cosim_master.network.radio.air import serve_medium
@@ -170,7 +171,7 @@ def _deliver_all(p: Plan, r: Radio, k: int) -> None:
             ports[first].filled = max(ports[first].filled, 1)  # all are set together
 
 
-@kernel
+@entry
 def sent_bytes(p: Plan) -> int:
     """Returns the number of bytes of packets that are collected and not yet routed."""
     ports = p.ports
@@ -200,7 +201,7 @@ def _collected(p: Plan, each: int) -> tuple[int, bool]:
     return packets if together else most, together
 
 
-@kernel
+@entry
 def places_needed(p: Plan, r: Radio) -> int:
     """Returns an upper bound of the places in flight, and of the events, needed to route the collected packets."""
     each = copies(r)
@@ -217,7 +218,7 @@ def _room(r: Radio, packets: int, each: int) -> int:
     return int((packets + waiting) * each)
 
 
-@kernel
+@entry
 def outbox_needed(p: Plan) -> int:
     """Returns an upper bound of the packets that are collected and not yet routed."""
     packets = 0
@@ -299,13 +300,13 @@ def _record(p: Plan, k: int) -> None:
     _complete_row(p, k)
 
 
-@kernel
+@entry
 def record(p: Plan) -> None:
     """Adds a row at the current time."""
     _record(p, p.counters[K])
 
 
-@kernel
+@entry
 def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
     """Completes the last macro step, with which the instances `chosen` end the run, and adds a row for its end."""
     counters = p.counters
@@ -319,7 +320,7 @@ def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
     _record(p, counters[K])
 
 
-@kernel
+@entry
 def run(p: Plan, r: Radio, k_stop: int) -> int:
     """Makes macro steps until k = `k_stop`, or until Python is needed; returns the reason."""
     counters = p.counters

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cosim.entry import entry
 from cosim.kernel import kernel
 from cosim_master.network.radio.tables import Radio
 from cosim_master.stepping.kernels.fmi_calls import atomic_add, atomic_load, exchange_if, rest
@@ -67,7 +68,7 @@ def take_blocks(p: Plan, r: Radio, thread: int) -> int:
         taken += 1
 
 
-@kernel
+@entry
 def work(p: Plan, r: Radio, thread: int) -> int:
     """Steps blocks of instances, or groups, in a further thread; returns their number.
 

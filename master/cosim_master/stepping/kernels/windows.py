@@ -21,9 +21,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
+from cosim.deferred import InModule
 from cosim.kernel import kernel
 from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, encode_base64, system
 from cosim_master.network.radio.prefetching import expect_bytes, expect_place
@@ -37,9 +37,16 @@ from cosim_master.stepping.kernels.tables import EVERY, FAULTS, FROM, LAST, ROWS
 
 __all__ = ["account", "failed_at", "note_positions", "put_back", "step_group", "window"]
 
-_malloc: Any = types.ExternalFunction("malloc", types.uintp(types.uintp))
-_free: Any = types.ExternalFunction("free", types.void(types.uintp))
-_memcpy: Any = types.ExternalFunction("memcpy", types.uintp(types.uintp, types.uintp, types.uintp))
+
+def _intrinsics() -> Any:
+    from cosim_master.stepping.kernels import intrinsics
+
+    return intrinsics
+
+
+_malloc: Any = InModule(_intrinsics, "malloc")
+_free: Any = InModule(_intrinsics, "free")
+_memcpy: Any = InModule(_intrinsics, "memcpy")
 
 _FOLLOWING, _WHEN, _ENDPOINT, _LENGTH, _BYTES = 0, 8, 16, 24, 32
 """Offsets in a record of packets that wait: the address of the following record, 0 for none; base step (of SENT) or

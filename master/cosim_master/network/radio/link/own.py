@@ -12,18 +12,15 @@ import ctypes
 import math
 import re
 from functools import cache
-from importlib import import_module
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic as _numba_intrinsic
 from numpy.typing import NDArray
 
 import cosim.channel
 from cosim.channel import LONGEST_DELAY, PACKET
-from cosim.kernel import PLAIN, kernel, table
+from cosim.deferred import InModule
+from cosim.kernel import PLAIN, compiler, kernel, table
 from cosim.packets import message_id, system
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.network.radio.link.effects import distance2
@@ -32,15 +29,11 @@ from cosim_master.system.settings.radio.own_channel import FUNCTION, GIVEN, OwnC
 
 __all__ = ["address_of", "over_own"]
 
-intrinsic: Any = _numba_intrinsic
 
+def _intrinsics() -> Any:
+    from cosim_master.network.radio import intrinsics
 
-def _delay_of(typing: Any, function: Any, packet: Any) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(ir.DoubleType(), [ir.IntType(64)]).as_pointer()
-        return builder.call(builder.inttoptr(arguments[0], kind), arguments[1:])
-
-    return types.double(types.uintp, types.uintp), codegen
+    return intrinsics
 
 
 _LINE = re.compile(r'File "(?:[^"]*/)?([^"/]+)", line (\d+)')
@@ -52,7 +45,7 @@ def _plain_delay_of(function: int, packet: int) -> float:
     return float(_CALLBACK(int(function))(int(packet)))
 
 
-delay_of: Any = _plain_delay_of if PLAIN else intrinsic(_delay_of)
+delay_of: Any = _plain_delay_of if PLAIN else InModule(_intrinsics, "delay_of")
 """The function at an address, for the record at another: the delay in s."""
 
 
@@ -109,7 +102,7 @@ def address_of(own: OwnChannel) -> int:
 @cache
 def _compiled(own: OwnChannel) -> Any:
     """Returns the C function of an own channel; it must be kept, since the loop has its address."""
-    numba: Any = import_module("numba")
+    numba = compiler()
     function, carray = _function(own), numba.carray
 
     def entry(place: Any) -> float:
@@ -117,7 +110,7 @@ def _compiled(own: OwnChannel) -> Any:
 
     try:
         pointer: Any = numba.types.CPointer(numba.from_dtype(PACKET))
-        return numba.cfunc(types.double(pointer))(entry)
+        return numba.cfunc(numba.float64(pointer))(entry)
     except numba.core.errors.NumbaError as error:
         raise SystemDescriptionError([_problem(own, str(error))]) from None
 
