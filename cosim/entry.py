@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
+from operator import index
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -52,11 +53,9 @@ class Entry(Kernel):
     def __call__(self, *arguments: Any) -> Any:
         if _CHECKS_INDICES:
             return self.compiled(*arguments)
-        shape, words, memory = _laid_out(arguments)
+        shape, words, _memory = _laid_out(arguments)  # the last is what the words name
         call = self._calls.get(shape) or self.prepare(*arguments)
-        result = call(words)
-        del memory  # which the words name
-        return result
+        return call(words)
 
     def prepare(self, *arguments: Any) -> Callable[[Any], Any]:
         """Loads the code for arguments of these types, or compiles it and keeps it; returns the function to call."""
@@ -87,7 +86,7 @@ class Entry(Kernel):
         compiler()
         from cosim.lowering import entry_code
 
-        plain = [one if isinstance(one, tuple | np.ndarray) else int(one) for one in arguments]
+        plain = [one if isinstance(one, tuple | np.ndarray) else index(one) for one in arguments]
         return entry_code(self.compiled, plain, _symbol(self.py_func.__qualname__))
 
     def _name(self, shape: str) -> str:
@@ -187,7 +186,11 @@ def shape_of(arguments: Sequence[Any]) -> str:
 
 
 def _laid_out(arguments: Sequence[Any]) -> tuple[str, Any, list[Any]]:
-    """Returns the types of arguments as a text, their words, and the memory that the words name."""
+    """Returns the types of arguments as a text, their words, and the memory that the words name.
+
+    Raises:
+        TypeError: an argument is neither an integer nor an array nor a tuple of these.
+    """
     words = (_WORD * len(arguments))()
     shapes: list[str] = []
     memory: list[Any] = []
@@ -207,7 +210,7 @@ def _laid_out(arguments: Sequence[Any]) -> tuple[str, Any, list[Any]]:
             memory.append(further)
         else:
             shapes.append("int")
-            words[place] = int(one)
+            words[place] = index(one)
     return " ".join(shapes), words, memory
 
 
@@ -237,7 +240,7 @@ def _add(value: Any, shapes: list[str], numbers: list[int]) -> None:
         numbers += words
     else:
         shapes.append("int")
-        numbers.append(int(value))
+        numbers.append(index(value))
 
 
 def _of_array(array: np.ndarray[Any, Any]) -> tuple[str, list[int]]:

@@ -12,6 +12,7 @@ import pytest
 
 import cosim_master
 from cosim import packets
+from cosim.kernel import PLAIN
 from cosim_master.diagnostics import errors
 from cosim_master.system.settings.radio import nodes
 
@@ -91,6 +92,21 @@ print("numba" in sys.modules)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     first, *_, last = done.stdout.splitlines()
     assert (first, last) == ("", "False")
+
+
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+def test_a_run_whose_code_is_kept_does_not_import_numba(fmus: Path, tmp_path: Path) -> None:
+    code = f"""
+import sys
+from pathlib import Path
+from cosim_master import RunOptions, simulate
+for name, more in {{"plain": {{}}, "threads": {{"threads": 2}}, "profile": {{"profile": True}}}}.items():
+    result = simulate("line5", RunOptions(until=0.5, out=Path({str(tmp_path)!r}) / name, **more))
+    print(result.outcome.value, "numba" in sys.modules)
+"""
+    for _ in range(2):  # the first may compile
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["done False", "done False", "done True"]  # what measures is compiled each time
 
 
 def test_the_smallest_port_holds_the_largest_packet() -> None:
