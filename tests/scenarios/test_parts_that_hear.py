@@ -273,9 +273,10 @@ def test_kernels_of_parts_are_those_that_a_wheel_has(
 
         monkeypatch.setattr(module, name, call)
 
-    for module, name in ((exchange, "replay"), (driver, "run_framed"), (driver, "outbox_needed")):
-        watched(module, name)
+    watched(exchange, "replay")
+    for name in ("next_point", "keep_frame", "outbox_needed"):
+        watched(driver, name)
     system, _ = lossy
     in_parts(system, tmp_path, [0, 0, 0, 1, 1, 1, 2, 2, 2], until=1.0)
     assert called == {name: {shape_of(kernels_of_runs()[name][1])} for name in called}
-    assert {"replay", "run_framed"} <= set(called)
+    assert {"replay", "next_point", "keep_frame"} <= set(called)

@@ -20,10 +20,10 @@ import numpy as np
 from cosim.channel import PACKET
 from cosim.kernel import PLAIN, used_code
 from cosim_master.fmi.calls import CALL
-from cosim_master.network.radio import logs, queues, replay, router
+from cosim_master.network.radio import logs, queues, replay, router, topology
 from cosim_master.network.radio import tables as radio
 from cosim_master.network.radio.tables import Radio
-from cosim_master.stepping.kernels import frames, instances, macro_step, tables, threads
+from cosim_master.stepping.kernels import exchange, frames, instances, macro_step, tables, threads
 from cosim_master.stepping.kernels.tables import Plan
 
 __all__ = ["EVERY_RUN", "IN_PARTS", "compile_loop", "kernels_of_runs"]
@@ -31,7 +31,7 @@ __all__ = ["EVERY_RUN", "IN_PARTS", "compile_loop", "kernels_of_runs"]
 EVERY_RUN = ("run", "collect_all", "places_needed", "sent_bytes", "divide")
 """Kernels that every run requires."""
 
-IN_PARTS = ("run_framed", "outbox_needed", "replay")
+IN_PARTS = ("next_point", "keep_frame", "outbox_needed", "copies", "replay")
 """Kernels that a run in parts requires besides."""
 
 _STRUCTURED = {
@@ -124,7 +124,10 @@ def kernels_of_runs() -> dict[str, tuple[Any, tuple[Any, ...]]]:
         "arrived": (queues.arrived, (air.endpoints, air.places, 0, 0)),
         "deliver": (queues.deliver, (air, 0, 0, port)),
         "divide": (logs.divide, (received, 0, chosen, port)),
-        "run_framed": (frames.run_framed, (plan, air, frames.frames_of((), (), 1), 0)),
+        "next_point": (macro_step.next_point, (plan, 0)),
+        "keep_frame": (frames.keep_frame, (plan, frames.frames_of((), (), 1))),
+        "feed": (exchange.feed, (plan, 0, plan.feeds)),
+        "copies": (topology.copies, (air,)),
         "outbox_needed": (macro_step.outbox_needed, (plan,)),
         "replay": (replay.replay, (air, reals, air.outbox, bits, chosen, bits, 0, 0)),
     }

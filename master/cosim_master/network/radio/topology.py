@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.entry import entry
 from cosim.kernel import kernel
 from cosim_master.network.radio.link.effects import distance2
 from cosim_master.network.radio.tables import LISTED, NEAREST, NEAREST_ON_AXIS, Radio
@@ -90,7 +91,7 @@ def missing_before(r: Radio, n: int) -> int:
     return int(max(0, r.settings[0].per_side - r.order[1, n]))
 
 
-@kernel
+@entry
 def copies(r: Radio) -> int:
     """Returns an upper bound of a packet's places in flight, and of its events and those of the garbage before it."""
     topology, per_side = r.settings[0].topology, r.settings[0].per_side

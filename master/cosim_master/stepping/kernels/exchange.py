@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.entry import entry
 from cosim.kernel import kernel
 from cosim_master.stepping.kernels.tables import BASE, COPY, FINER, PER_NS, SIGN, START, Plan
 
@@ -78,7 +79,7 @@ def exchange(
                 int_in[j - reals] = int_out[sources[j]]
 
 
-@kernel
+@entry
 def feed(p: Plan, k: int, feeds: NDArray[Any]) -> None:
     """Exchanges as `exchange` does, for some instances; the part common to all is also done if none are given."""
     exchange(

@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.entry import entry
-from cosim_master.network.radio.tables import Radio
 from cosim_master.stepping.kernels.exchange import feed
-from cosim_master.stepping.kernels.macro_step import next_point, run
-from cosim_master.stepping.kernels.tables import DONE, K, Plan
+from cosim_master.stepping.kernels.tables import K, Plan
 
-__all__ = ["Frames", "frames_of", "run_framed"]
+__all__ = ["TARGET", "Frames", "frames_of", "keep_frame"]
 
 USED, TARGET = 0, 1
 """Places in `Frames.counters`: frames in use; the base step to which the loop was on its way, -1: none."""
@@ -49,23 +47,15 @@ def frames_of(reals: Sequence[int], ints: Sequence[int], rows: int) -> Frames:
 
 
 @entry
-def run_framed(p: Plan, r: Radio, f: Frames, k_stop: int) -> int:
-    """Makes macro steps as `run` does, with a frame at the end of each."""
-    while True:
-        if f.counters[TARGET] < 0:
-            if p.counters[K] >= k_stop:
-                return DONE
-            f.counters[TARGET] = next_point(p, k_stop)
-        reason = run(p, r, f.counters[TARGET])
-        if reason != DONE:
-            return int(reason)
-        f.counters[TARGET] = -1
-        if p.delays.size > 0:
-            feed(p, p.counters[K], p.feeds[:0])  # values that connections convert are computed, too
-        row = f.counters[USED]
-        f.steps[row] = p.counters[K]
-        for j in range(f.reals_of.size):
-            f.reals[row, j] = p.real_out[f.reals_of[j]]
-        for j in range(f.ints_of.size):
-            f.ints[row, j] = p.int_out[f.ints_of[j]]
-        f.counters[USED] = row + 1
+def keep_frame(p: Plan, f: Frames) -> None:
+    """Adds a frame of the values at the current base step."""
+    if p.delays.size > 0:
+        feed(p, p.counters[K], p.feeds[:0])  # values that connections convert are computed, too
+    row = f.counters[USED]
+    f.steps[row] = p.counters[K]
+    for j in range(f.reals_of.size):
+        f.reals[row, j] = p.real_out[f.reals_of[j]]
+    for j in range(f.ints_of.size):
+        f.ints[row, j] = p.int_out[f.ints_of[j]]
+    f.counters[USED] = row + 1
+    f.counters[TARGET] = -1

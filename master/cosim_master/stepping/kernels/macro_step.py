@@ -130,7 +130,7 @@ def _following(grids: NDArray[np.int64], counters: NDArray[np.int64], k: int, st
     return int(max(found, k))
 
 
-@kernel
+@entry
 def next_point(p: Plan, stop: int) -> int:
     """Returns the next base step after the current one at which an action is due, at most `stop`."""
     k = p.counters[K] + 1
