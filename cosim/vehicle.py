@@ -1,59 +1,34 @@
 """The interface that all vehicle FMUs share, so that vehicles are interchangeable without changes to the autopilot.
 
 A vehicle takes actuator commands and the wind. It outputs its true motion and its `airframe`, from which an autopilot
-selects mixer and control laws during initialization. This module declares those ports; it contains no physics.
-
-**Naming convention.** Models declare the meaning of their variables (`cosim.verdict`). FMUs of other tools usually do
-not. For these, a master infers the meaning from the following names, and from no others:
-
-    AUTOPILOT      the component of a vehicle's system to which a cable connects
-    VEHICLE        the component of a vehicle's system whose POSITION is the position of the vehicle
-    POSITION       Real output with 3 elements: position of the vehicle, NED from the local origin [m]
-    ATTITUDE       Real output with 4 elements: unit quaternion w, x, y, z that rotates body FRD into NED
-    STEP, TARGET   outputs of an agent: number of the current step, and desired position in m east of the origin
-    LINES          packet ports for ground stations by radio, and for a cable, and for nothing else
+selects mixer and control laws during initialization. This module declares those ports; it contains no physics. Names
+that a master knows are in `cosim.naming`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from enum import IntEnum
 
 from cosim.model import Input, Output, Variable
+from cosim.naming import ATTITUDE, POSITION
 from cosim.verdict import Role, Values
 
 __all__ = [
     "ADDED_WIND",
     "ADDS_WIND",
     "AIRFRAME",
-    "ATTITUDE",
-    "AUTOPILOT",
     "FORCE",
-    "LINES",
     "MAX_MOTORS",
     "MOTION_INPUTS",
     "POINT_MASS_ACCELERATION",
-    "POSITION",
-    "STEP",
-    "TARGET",
     "THRUST_FACTOR",
-    "VEHICLE",
     "VEHICLE_INPUTS",
     "VEHICLE_OUTPUTS",
     "Airframe",
     "inputs_for",
     "outputs_of",
 ]
-
-AUTOPILOT, VEHICLE = "autopilot", "vehicle"
-POSITION, ATTITUDE = "position", "attitude"
-STEP, TARGET = "step", "target"
-LINES: Mapping[Role, tuple[str, str]] = {
-    Role.TELEMETRY: ("telemetry_rx", "telemetry_tx"),
-    Role.SERIAL: ("serial_rx", "serial_tx"),
-}
-"""Names of the input and of the output."""
 
 MAX_MOTORS = 8
 """Length of the `motor` port of every vehicle and autopilot; a vehicle with fewer motors ignores the rest."""

@@ -357,7 +357,8 @@ def _up_to_date(file: Path, stamp: _Stamp) -> Built | None:
 def _builder_digest() -> str:
     """Returns a digest that changes with this package and with the versions of its tools."""
     digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.rglob("*")):
+    package = Path(__file__).parent
+    for file in (package.with_name("identity.py"), *sorted(package.rglob("*"))):
         if file.suffix in {".py", ".c", ".h"}:
             digest.update(file.read_bytes())
     for tool in ("numba", "llvmlite", "numpy", "pythonfmu", "ziglang"):

@@ -12,18 +12,17 @@ import hashlib
 import importlib.util
 import re
 import sys
-import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from cosim.identity import guid_of
 from cosim.model import Model
 
 __all__ = ["Sources", "sources_of", "sources_of_module"]
 
 _USES_COSIM = re.compile(rb"^(?:from|import) cosim\b", re.MULTILINE)
-_NAMESPACE = uuid.UUID("6b1f3a52-5a0e-4b52-9a70-3f7d0c1e9a11")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +35,7 @@ class Sources:
 
     def guid(self, model_name: str) -> str:
         """Returns a GUID that depends only on the sources and the model's name."""
-        return str(uuid.uuid5(_NAMESPACE, f"{model_name}:{sorted(self.digests.items())}"))
+        return guid_of(model_name, self.digests)
 
 
 def sources_of(model: type[Model]) -> Sources:

@@ -634,6 +634,7 @@ def test_closure_of_a_model(samples: SimpleNamespace) -> None:
     assert set(sources.files) == {
         "sample_models",
         "cosim",
+        "cosim.deferred",
         "cosim.folding",
         "cosim.kept",
         "cosim.kernel",

@@ -181,7 +181,7 @@ def test_plain_words_are_compared_with_no_variable() -> None:
 
 
 def test_the_convention_of_names_stands_in_one_place() -> None:
-    from cosim.vehicle import LINES
+    from cosim.naming import LINES
 
     conventional = {name for pair in LINES.values() for name in pair}
     assert conventional < OF_PACKETS

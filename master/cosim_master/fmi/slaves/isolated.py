@@ -13,6 +13,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
+from cosim.identity import guid_of
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import FmuDescription, runner
 from cosim_master.fmi.isolation.building import CannotIsolate, portable, shares_memory
@@ -92,12 +93,10 @@ def _guid_of_sources(file: Path, _digest: str, model: str) -> str | None:
 
     Each file is opened once for each digest of it, since a swarm asks for every instance.
     """
-    from cosim.build.sources import Sources
-
     try:
         with zipfile.ZipFile(file) as archive:
             digests = json.loads(archive.read("resources/build.json"))["sources"]
-        return Sources({}, digests, frozenset()).guid(model)
+        return guid_of(model, digests)
     except (OSError, KeyError, TypeError, ValueError, AttributeError, zipfile.BadZipFile):
         return None
 

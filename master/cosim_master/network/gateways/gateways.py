@@ -5,7 +5,7 @@
 
 An autopilot may have packet ports that are reserved for ground stations or for a cable; it then uses these ports. Other
 autopilots use the ports that lead to the rest of the swarm. An FMU is an autopilot if it declares that its motors may
-turn (`cosim.verdict`), or if its component has the conventional name (`cosim.vehicle`).
+turn (`cosim.verdict`), or if its component has the conventional name (`cosim.naming`).
 
 An address is `KIND:[HOST:]PORT`. The kind is tcp (a server), udpin (listens) or udpout (sends first); the default host
 is 127.0.0.1. Options may follow: `latency=`, `jitter=` (s) and `loss=` (0 to 1) of the link, and `sign=`, a file with a
@@ -30,8 +30,8 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.naming import AUTOPILOT
 from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, find, has_crc, message_id
-from cosim.vehicle import AUTOPILOT
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import ADDRESS
 from cosim_master.network.gateways.mailbox import Mailbox

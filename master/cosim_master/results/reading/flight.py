@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from cosim.vehicle import POSITION, STEP, TARGET
+from cosim.naming import POSITION, STEP, TARGET
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.reading.recorded_signals import Signals, open_signals
 from cosim_master.results.reading.roles import UNKNOWN, Part, Player, parts, players, read_manifest

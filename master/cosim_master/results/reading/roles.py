@@ -4,7 +4,7 @@ A drone consists of a vehicle, which is a component that outputs its position (m
 system, which is a component that outputs the number of its step and its desired position (m east of the origin). Either
 of them may be missing. The FMUs declare these outputs and the law of an agent (`cosim.verdict`), and the manifest of
 the run contains the declarations. An FMU without declarations is identified by the names of its outputs
-(`cosim.vehicle`), and its law is not known.
+(`cosim.naming`), and its law is not known.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.vehicle import ATTITUDE, POSITION, STEP, TARGET
+from cosim.naming import ATTITUDE, POSITION, STEP, TARGET
 from cosim.verdict import Formation, Logged, Role, Rotors, Verdict
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi.description.declarations import verdicts_of_json

@@ -43,7 +43,7 @@ byte; a packet that waits longer than `queue`, in s, is lost.
 `relays`: nodes, by name or pattern, that send packets on as MAVLink routers do; a packet passes at most `hops` of them.
 `channel`: a Python file, relative likewise, with an effect of one's own (`own_channel`).
 `position`: path, below a node, of its NED position in m. By default, it is the output that the only FMU of the node
-declares as its position, or else the one with the conventional name (`cosim.vehicle`).
+declares as its position, or else the one with the conventional name (`cosim.naming`).
 `dialect`: a MAVLink XML file, relative to the system's document, with messages that ardupilotmega does not contain:
 their packets are checked and routed like all others. Other tools ignore the annotation.
 """

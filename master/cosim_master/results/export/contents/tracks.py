@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cosim.frames import geodetic_from_local
-from cosim.vehicle import POSITION
+from cosim.naming import POSITION
 from cosim.verdict import Role
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.options import Options, Origin

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from cosim.vehicle import LINES, POSITION, VEHICLE
+from cosim.naming import LINES, POSITION, VEHICLE
 from cosim.verdict import Role
 from cosim_master.diagnostics.errors import Problem
 from cosim_master.diagnostics.limitations import SEVERAL_PORTS, SMALL_PORT
@@ -22,7 +22,7 @@ BY_CONVENTION = f"{VEHICLE}.{POSITION}"
 """Path of a node's position, if neither the annotation nor an FMU specifies it."""
 TELEMETRY, SERIAL = "telemetry", "serial"
 """Lines for gateways only: for ground stations by radio, and for the wired gateway. FMUs declare their ports, or name
-them by convention (`cosim.vehicle`).
+them by convention (`cosim.naming`).
 """
 _LINES = {TELEMETRY: Role.TELEMETRY, SERIAL: Role.SERIAL}
 
