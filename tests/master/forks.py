@@ -22,8 +22,12 @@ _PROGRAM = """
 import gc, json, os, sys, threading
 from contextlib import suppress
 from importlib import import_module
+from cosim.kernel import PLAIN, compiler
 from cosim_master.cli import main
 import cosim_master.execution.simulate
+
+if not PLAIN:
+    compiler()
 
 # What commands import as they go, but nothing that reads the environment, which is another one in a fork.
 for name in (

@@ -110,9 +110,10 @@ def _chosen(models: list[str] | None) -> list[type[Model]]:
     """Returns the models with these names, of systems, modules or files; without any, all models of cosim_models."""
     from cosim.build import load_models, models_of_package
 
-    known = models_of_package("cosim_models")
     if not models:
-        return [*known]
+        return models_of_package("cosim_models")
+    # Not for a file or module alone: importing all models takes as long as building one of them.
+    known = [] if all("." in name for name in models) else models_of_package("cosim_models")
     chosen: dict[type[Model], None] = {}
     for name in models:
         wanted = shipped.models(name) if name in shipped.names() else (name,)
