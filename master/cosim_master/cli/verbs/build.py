@@ -111,7 +111,7 @@ def _chosen(models: list[str] | None) -> list[type[Model]]:
     from cosim.build import load_models, models_of_package
 
     if not models:
-        return models_of_package("cosim_models")
+        return [*models_of_package("cosim_models")]
     # Not for a file or module alone: importing all models takes as long as building one of them.
     known = [] if all("." in name for name in models) else models_of_package("cosim_models")
     chosen: dict[type[Model], None] = {}
