@@ -246,7 +246,7 @@ def _add(value: Any, shapes: list[str], numbers: list[int]) -> None:
 def _of_array(array: np.ndarray[Any, Any]) -> tuple[str, list[int]]:
     flags = array.flags
     layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
-    access = "" if flags.writeable else " read only"
+    access = ("" if flags.writeable else " read only") + ("" if flags.aligned else " unaligned")
     shape = f"{_named(array.dtype)}[{array.ndim}]{layout}{access}"
     return shape, [array.__array_interface__["data"][0], *array.shape, *array.strides]
 

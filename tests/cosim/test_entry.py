@@ -124,12 +124,14 @@ def test_types_are_told_apart() -> None:
     x = np.zeros((2, 2))
     locked = np.zeros((2, 2))
     locked.flags.writeable = False
+    odd = np.frombuffer(bytearray(33), np.uint8)[1:].view(np.float64).reshape(2, 2)
     every = [
         x,
         np.asfortranarray(x),
         np.zeros(2),
         x.astype(np.float32),
         locked,
+        odd,
         np.zeros(2, ROW),
         np.zeros((4, 4))[::2, ::2],
     ]
