@@ -84,7 +84,7 @@ class Entry(Kernel):
 
     def _made(self, arguments: Sequence[Any]) -> tuple[str, bytes, bool]:
         compiler()
-        from cosim.lowering import entry_code
+        from cosim.entry_code import entry_code
 
         plain = [one if isinstance(one, tuple | np.ndarray) else index(one) for one in arguments]
         return entry_code(self.compiled, plain, _symbol(self.py_func.__qualname__))

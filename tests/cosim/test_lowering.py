@@ -463,7 +463,7 @@ def test_code_is_made_where_no_file_can_be_locked(tmp_path: Path) -> None:
 def test_the_collector_goes_on_where_it_was() -> None:
     """What others have frozen stays so; what is made without the collector is old at once."""
     assert gc.isenabled() and not gc.get_freeze_count()
-    with lowering._without_collector():
+    with lowering.without_collector():
         made = [[] for _ in range(2 * gc.get_threshold()[0])]  # type: ignore[var-annotated]
         assert not gc.isenabled()
     assert gc.isenabled() and not gc.get_freeze_count()
@@ -471,7 +471,7 @@ def test_the_collector_goes_on_where_it_was() -> None:
     gc.freeze()
     frozen = gc.get_freeze_count()
     try:
-        with lowering._without_collector():
+        with lowering.without_collector():
             pass
         assert gc.isenabled() and gc.get_freeze_count() >= frozen - 100  # some of them may have ended
     finally:
