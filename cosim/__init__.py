@@ -36,7 +36,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Imports the declarations when they are first used: a run loads FMUs, and no models."""
     if name not in __all__:
-        raise AttributeError(f"module {__name__} has no attribute {name}")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from cosim import model
 
     return globals().setdefault(name, getattr(model, name))

@@ -24,7 +24,7 @@ import numpy as np
 from cosim.kept import made_once, read_kept, write_kept
 from cosim.kernel import PLAIN, Kernel, compiler, processor, used_code
 
-__all__ = ["Entry", "entry", "forget_tables", "shape_of"]
+__all__ = ["Entry", "entry", "forget_tables", "signature_of"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -53,20 +53,20 @@ class Entry(Kernel):
     def __call__(self, *arguments: Any) -> Any:
         if _CHECKS_INDICES:
             return self.compiled(*arguments)
-        shape, words, _memory = _laid_out(arguments)  # the last is what the words name
-        call = self._calls.get(shape) or self.prepare(*arguments)
+        signature, words, _memory = _laid_out(arguments)  # the last is what the words name
+        call = self._calls.get(signature) or self.prepare(*arguments)
         return call(words)
 
     def prepare(self, *arguments: Any) -> Callable[[Any], Any]:
         """Loads the code for arguments of these types, or compiles it and keeps it; returns the function to call."""
-        shape, *_ = _laid_out(arguments)
-        kind, code = self._code(shape, arguments)
-        call = self._calls[shape] = _loaded(self.py_func.__qualname__, kind, code)
+        signature, *_ = _laid_out(arguments)
+        kind, code = self._code(signature, arguments)
+        call = self._calls[signature] = _loaded(self.py_func.__qualname__, kind, code)
         return call
 
-    def _code(self, shape: str, arguments: Sequence[Any]) -> tuple[str, bytes]:
+    def _code(self, signature: str, arguments: Sequence[Any]) -> tuple[str, bytes]:
         folders = self.folders() if self.folders is not None else ()
-        name = self._name(shape)
+        name = self._name(signature)
         if (found := _kept(folders, name)) is not None:
             return found
         if not folders:
@@ -89,8 +89,8 @@ class Entry(Kernel):
         plain = [one if isinstance(one, tuple | np.ndarray) else index(one) for one in arguments]
         return entry_code(self.compiled, plain, _symbol(self.py_func.__qualname__))
 
-    def _name(self, shape: str) -> str:
-        what = repr((self.py_func.__code__.co_firstlineno, shape, _tools()))
+    def _name(self, signature: str) -> str:
+        what = repr((self.py_func.__code__.co_firstlineno, signature, _tools()))
         return f"{self.py_func.__qualname__}-{hashlib.sha256(what.encode()).hexdigest()[:24]}.kernel"
 
 
@@ -166,7 +166,7 @@ class _Table(NamedTuple):
     """A tuple, the text of its types, and the words of its members."""
 
     value: tuple[Any, ...]
-    shape: str
+    signature: str
     words: Any
     address: int
 
@@ -180,7 +180,7 @@ def forget_tables() -> None:
     _tables.clear()
 
 
-def shape_of(arguments: Sequence[Any]) -> str:
+def signature_of(arguments: Sequence[Any]) -> str:
     """Returns a text that is the same for arguments of the same types."""
     return _laid_out(arguments)[0]
 
@@ -192,35 +192,35 @@ def _laid_out(arguments: Sequence[Any]) -> tuple[str, Any, list[Any]]:
         TypeError: an argument is neither an integer nor an array nor a tuple of these.
     """
     words = (_WORD * len(arguments))()
-    shapes: list[str] = []
+    signatures: list[str] = []
     memory: list[Any] = []
     for place, one in enumerate(arguments):
         if isinstance(one, tuple):
             table = _tables.get(id(one))
             if table is None:
                 table = _table(one)
-            shapes.append(table.shape)
+            signatures.append(table.signature)
             words[place] = table.address
             memory.append(table)
         elif isinstance(one, np.ndarray):
-            shape, own = _of_array(one)
-            shapes.append(shape)
+            signature, own = _of_array(one)
+            signatures.append(signature)
             further = (_WORD * len(own))(*own)
             words[place] = ctypes.addressof(further)
             memory.append(further)
         else:
-            shapes.append("int")
+            signatures.append("int")
             words[place] = index(one)
-    return " ".join(shapes), words, memory
+    return " ".join(signatures), words, memory
 
 
 def _table(value: tuple[Any, ...]) -> _Table:
     """Returns the words of a tuple, which is kept until `forget_tables`: no other has its identity meanwhile."""
-    shapes: list[str] = []
+    signatures: list[str] = []
     numbers: list[int] = []
-    _add(value, shapes, numbers)
+    _add(value, signatures, numbers)
     words = (_WORD * max(len(numbers), 1))(*numbers)
-    digest = hashlib.sha256(" ".join(shapes).encode()).hexdigest()[:16]
+    digest = hashlib.sha256(" ".join(signatures).encode()).hexdigest()[:16]
     if len(_tables) >= _MOST_TABLES:
         _tables.clear()
     made = _Table(value, f"{type(value).__name__}:{digest}", words, ctypes.addressof(words))
@@ -228,18 +228,18 @@ def _table(value: tuple[Any, ...]) -> _Table:
     return made
 
 
-def _add(value: Any, shapes: list[str], numbers: list[int]) -> None:
+def _add(value: Any, signatures: list[str], numbers: list[int]) -> None:
     if isinstance(value, tuple):
-        shapes.append(f"({type(value).__name__} {getattr(value, '_fields', '')}")
+        signatures.append(f"({type(value).__name__} {getattr(value, '_fields', '')}")
         for one in value:
-            _add(one, shapes, numbers)
-        shapes.append(")")
+            _add(one, signatures, numbers)
+        signatures.append(")")
     elif isinstance(value, np.ndarray):
-        shape, words = _of_array(value)
-        shapes.append(shape)
+        signature, words = _of_array(value)
+        signatures.append(signature)
         numbers += words
     else:
-        shapes.append("int")
+        signatures.append("int")
         numbers.append(index(value))
 
 
@@ -247,8 +247,8 @@ def _of_array(array: np.ndarray[Any, Any]) -> tuple[str, list[int]]:
     flags = array.flags
     layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
     access = ("" if flags.writeable else " read only") + ("" if flags.aligned else " unaligned")
-    shape = f"{_named(array.dtype)}[{array.ndim}]{layout}{access}"
-    return shape, [array.__array_interface__["data"][0], *array.shape, *array.strides]
+    signature = f"{_named(array.dtype)}[{array.ndim}]{layout}{access}"
+    return signature, [array.__array_interface__["data"][0], *array.shape, *array.strides]
 
 
 _names: dict[int, tuple[np.dtype[Any], str]] = {}

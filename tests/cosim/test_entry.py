@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cosim.entry import entry, forget_tables, shape_of
+from cosim.entry import entry, forget_tables, signature_of
 from cosim.kernel import PLAIN
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="nothing is compiled")
@@ -135,15 +135,15 @@ def test_types_are_told_apart() -> None:
         np.zeros(2, ROW),
         np.zeros((4, 4))[::2, ::2],
     ]
-    assert len({shape_of((one,)) for one in every}) == len(every)
-    assert shape_of((x, 1)) == shape_of((np.ones((5, 7)), 2**40))
-    assert shape_of((Inner(np.zeros(1, np.int64), 1),)) != shape_of((Inner(np.zeros(1, np.int32), 1),))  # type: ignore[arg-type]
+    assert len({signature_of((one,)) for one in every}) == len(every)
+    assert signature_of((x, 1)) == signature_of((np.ones((5, 7)), 2**40))
+    assert signature_of((Inner(np.zeros(1, np.int64), 1),)) != signature_of((Inner(np.zeros(1, np.int32), 1),))  # type: ignore[arg-type]
 
 
 def test_a_table_is_released() -> None:
     memory = np.zeros(1, np.int64)
     seen = weakref.ref(memory)
-    shape_of((Inner(memory, 1),))
+    signature_of((Inner(memory, 1),))
     del memory
     gc.collect()
     assert seen() is not None  # its address is known, and could otherwise be that of another table

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.entry import shape_of
+from cosim.entry import signature_of
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.partitions import exchange, hearing
 from cosim_master.execution.partitions.exchange import Given
@@ -268,7 +268,7 @@ def test_kernels_of_parts_are_those_that_a_wheel_has(
         kernel = getattr(module, name)
 
         def call(*arguments: Any) -> Any:
-            called.setdefault(name, set()).add(shape_of(arguments))
+            called.setdefault(name, set()).add(signature_of(arguments))
             return kernel(*arguments)
 
         monkeypatch.setattr(module, name, call)
@@ -278,5 +278,5 @@ def test_kernels_of_parts_are_those_that_a_wheel_has(
         watched(driver, name)
     system, _ = lossy
     in_parts(system, tmp_path, [0, 0, 0, 1, 1, 1, 2, 2, 2], until=1.0)
-    assert called == {name: {shape_of(kernels_of_runs()[name][1])} for name in called}
+    assert called == {name: {signature_of(kernels_of_runs()[name][1])} for name in called}
     assert {"replay", "next_point", "keep_frame"} <= set(called)

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from pymavlink import mavutil
 
-from cosim.entry import shape_of
+from cosim.entry import signature_of
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
@@ -153,13 +153,13 @@ def test_logs_are_divided_by_the_kernel_that_a_package_brings(
     divide, called = logs.divide, set()
 
     def call(*arguments: Any) -> None:
-        called.add(shape_of(arguments))
+        called.add(signature_of(arguments))
         divide(*arguments)
 
     monkeypatch.setattr(logs, "divide", call)
     monkeypatch.setattr(packet_log, "_COPIED", copied)
     assert simulate(chatters(), RunOptions(out=tmp_path / "out")).outcome == "done"
-    assert called == {shape_of(kernels_of_runs()["divide"][1])}
+    assert called == {signature_of(kernels_of_runs()["divide"][1])}
 
 
 def test_recording_and_reading_import_neither_pandas_nor_messages(chatters: Any, tmp_path: Path) -> None:

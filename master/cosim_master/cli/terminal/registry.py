@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
+from importlib.metadata import version
 from typing import Annotated, Any, TypeVar
 
 import typer
@@ -69,8 +70,6 @@ app = typer.Typer(
 
 def _version(asked: bool) -> None:
     if asked:
-        from importlib.metadata import version  # takes longer to import than most of this program
-
         typer.echo(f"uav-cosim {version('uav-cosim')}")
         raise typer.Exit
 

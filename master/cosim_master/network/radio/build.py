@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.channel import PACKET
+from cosim.entry import forget_tables
 from cosim.kernel import table
 from cosim.packets import MAX_PACKET
 from cosim_master.network.radio import tables
@@ -308,6 +309,7 @@ def grown(radio: Radio, need: int) -> Radio:
     radio.counters[FREE_PLACES] += new - old
     relayed = np.zeros(new * radio.trip.size, dtype=RELAYED)
     relayed[: radio.relayed.size] = radio.relayed
+    forget_tables()  # the memory of this radio can be released
     return radio._replace(places=table(places), data=data, relayed=table(relayed))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from cosim.entry import forget_tables
 from cosim.kernel import table
 from cosim.packets import MAX_PACKET
 from cosim_master.network.radio.tables import POST, Radio
@@ -32,4 +33,5 @@ def roomier(radio: Radio, packets: int) -> Radio:
     size = 2 * radio.outbox.size + packets
     outbox, posted = np.zeros(size, dtype=POST), np.zeros((size, MAX_PACKET), dtype=np.uint8)
     outbox[: radio.outbox.size], posted[: radio.outbox.size] = radio.outbox, radio.posted
+    forget_tables()  # the memory of this radio can be released
     return radio._replace(outbox=table(outbox), posted=posted)
