@@ -79,10 +79,14 @@ class Parts:
 
 
 @contextmanager
-def running(out: Path, *options: str, parts: int = 3, system: str = "line5") -> Iterator[Parts]:
+def running(
+    out: Path, *options: str, parts: int = 3, system: str = "line5", temporary: Path | None = None
+) -> Iterator[Parts]:
     command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(SYSTEMS / system)]
     command += ["-o", str(out), "--partitions", str(parts), *options]
     environment = {**os.environ, "PARTS_OF_TEST": str(out)}
+    if temporary is not None:
+        environment["TMPDIR"] = str(temporary)
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True
     )
@@ -119,6 +123,21 @@ def test_the_same_bits(fmus: Path, tmp_path: Path) -> None:
     assert all(one["host"] == os.uname().nodename for one in manifest["parts"])
 
 
+def test_killed_runs_with_the_same_process_id_have_left_files(fmus: Path, tmp_path: Path) -> None:
+    """As in containers, whose process ids begin anew: Open MPI does not start where it finds its own file."""
+    temporary = tmp_path / "temporary"
+    last = int(subprocess.run(["sh", "-c", "echo $$"], capture_output=True, text=True, check=True).stdout)
+    for number in range(last, last + 3000):
+        (temporary / f"ompi.{number}").mkdir(parents=True, mode=0o700)
+        (temporary / f"ompi.{number}" / f"pmix.{os.uname().nodename}.tool.{number}").write_text("left\n")
+    stale = sorted(temporary.iterdir())
+    with running(tmp_path / "parts", "--until", "0.1", parts=2, temporary=temporary) as parts:
+        code, error, _ = parts.end()
+    assert code == 0, error
+    assert sorted(temporary.glob("ompi.*")) == stale
+    assert not list(temporary.glob("uav-cosim-*"))
+
+
 def test_processes_that_srun_has_started(fmus: Path, tmp_path: Path) -> None:
     """srun with PMIx, as far as a process can see it: the variables of SLURM instead of those of mpirun."""
     python = [sys.executable, "-c", "from cosim_master.cli import main; main()"]
@@ -126,6 +145,7 @@ def test_processes_that_srun_has_started(fmus: Path, tmp_path: Path) -> None:
     command = ["env", *hidden, "SLURM_STEP_NUM_TASKS=2", *python, "run", str(SYSTEMS / "line5"), "--until", "2"]
     launcher = [str(Path(sys.executable).with_name("mpirun")), "-n", "2", "--host", "localhost:2", "--bind-to", "none"]
     environment = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    environment["TMPDIR"] = str(tmp_path)
     started = [*launcher, *command, "-o", str(tmp_path / "out")]
     done = subprocess.run(started, capture_output=True, text=True, env=environment, check=False, timeout=LIMIT)
     assert done.returncode == 0, done.stderr
@@ -289,6 +309,7 @@ main()
 def test_a_part_of_another_version_is_refused(fmus: Path, tmp_path: Path) -> None:
     launcher = [str(Path(sys.executable).with_name("mpirun")), "-n", "2", "--host", "localhost:2", "--bind-to", "none"]
     environment = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    environment["TMPDIR"] = str(tmp_path)
     command = [*launcher, sys.executable, "-c", OTHER_VERSION, "run", str(SYSTEMS / "line5"), "--until", "2"]
     command += ["-o", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=LIMIT)

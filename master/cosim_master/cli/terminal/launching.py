@@ -41,22 +41,25 @@ def start_parts(parts: int, arguments: Sequence[str]) -> int:
     Ctrl-C, SIGTERM and SIGHUP end the run as in one process: the launcher passes SIGUSR1 on, which part 0 takes as
     Ctrl-C.
     """
-    with TemporaryDirectory(prefix="uav-cosim-") as folder:
-        return _started(parts, arguments, Path(folder) / "code")
+    with TemporaryDirectory(prefix="uav-cosim-", ignore_cleanup_errors=True) as folder:  # parts may still write there
+        return _started(parts, arguments, Path(folder))
 
 
-def _started(parts: int, arguments: Sequence[str], file: Path) -> int:
+def _started(parts: int, arguments: Sequence[str], folder: Path) -> int:
     own = Path(sys.executable).parent
     launcher = shutil.which("mpirun", path=f"{own}{os.pathsep}{os.environ.get('PATH', '')}")
     if launcher is None:
         raise usage("--partitions needs mpirun; pip install 'uav-cosim[mpi]'")
     said = subprocess.run([launcher, "--version"], capture_output=True, text=True, check=False).stdout
     options = ["-n", str(parts)]
+    file = folder / "code"
     environment = {**os.environ, _STATUS: str(file)}
     if "Open MPI" in said:
         # With --oversubscribe, processes give up the processor at each look for messages: milliseconds a window.
         options += ["--with-ft", "ulfm", "--host", f"localhost:{parts}", "--bind-to", "none"]
         environment["OMPI_MCA_opal_signal"] = ""  # crashes are for `execution.run.faults.crashes` to report
+        # Its files are named by its process id: it does not start where a killed one with the same id left them.
+        environment.setdefault("PRTE_MCA_prte_tmpdir_base", str(folder))
         if os.geteuid() == 0:  # as in a container; the parts are those of this user
             environment |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     process = subprocess.Popen([launcher, *options, *_COMMAND, *arguments], env=environment, start_new_session=True)
