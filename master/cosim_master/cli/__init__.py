@@ -3,7 +3,8 @@
     verbs/      one module for each group of verbs
     views/      tables and texts that they print
     terminal/   console (standard output and standard error), options that several verbs have, progress,
-                registry (the command itself, and the decorator that makes a function a verb)
+                Ctrl-C before a verb begins, registry (the command itself, and the decorator that makes a function
+                a verb)
     reference   docs/command-line.md, written from the command
 
 Exit codes: 0 done, 1 a run failed, 2 a bad description or bad usage, 130 interrupted by Ctrl-C.
@@ -19,7 +20,7 @@ import sys
 from contextlib import suppress
 from io import TextIOWrapper
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cosim_master.cli.terminal.console import err as err
@@ -45,7 +46,10 @@ def main() -> None:
                 stream.reconfigure(errors="backslashreplace")
     gc.set_threshold(50_000, 20, 50)
     atexit.register(gc.freeze)
-    app = _imported()
+    from cosim_master.cli.terminal.ctrl_c import ends_process
+
+    ends_process()
+    app = __getattr__("app")
     _refuse_no_name(sys.argv[1:])
     if "UAV_COSIM_EXIT_CODE" in os.environ:  # of a part of a run
         from cosim_master.cli.terminal.launching import exit_code_told
@@ -68,23 +72,6 @@ def __getattr__(name: str) -> Any:
 
         return getattr(console, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def _imported() -> Any:
-    """Returns the command. Ctrl-C during the imports, which have nothing to tidy up, ends the process at once."""
-    ends = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not where it is ignored
-    if ends:
-        signal.signal(signal.SIGINT, _end)
-    try:
-        return __getattr__("app")
-    finally:
-        if ends:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def _end(*_: object) -> NoReturn:
-    os.write(2, b"error: interrupted\n")
-    os._exit(130)
 
 
 def _run(app: Any) -> None:

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -131,6 +132,20 @@ def test_ctrl_c_while_the_command_is_imported(tmp_path: Path) -> None:
     with Terminal("check", "nowhere", folder=tmp_path, environment=environment) as terminal:
         assert terminal.finish() == 130
     assert [line for line in terminal.lines if line != "^C"] == ["error: interrupted"]
+
+
+def test_ctrl_c_before_a_verb_begins(tmp_path: Path) -> None:
+    """While options are read, which takes a twentieth of a second."""
+    program = """
+import os, signal
+from typer.core import TyperGroup
+TyperGroup.resolve_command = lambda *_: os.kill(os.getpid(), signal.SIGINT)
+from cosim_master.cli import main
+main()
+"""
+    command = [sys.executable, "-c", program, "check", "nowhere"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted\n")
 
 
 @WIDTHS

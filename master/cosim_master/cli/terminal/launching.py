@@ -30,6 +30,10 @@ __all__ = ["exit_code_told", "leave", "left", "part_of", "serve_part", "start_pa
 _COMMAND = (sys.executable, "-c", "from cosim_master.cli import main; main()")
 _STATUS = "UAV_COSIM_EXIT_CODE"
 """Environment variable with the file for the exit code of part 0: that of mpirun depends on which one ends first."""
+_ASKED, _TAKEN = "asked", "taken"
+"""Files beside that one: as many bytes as the user has asked for the end, and as part 0 has heard of it."""
+_AGAIN = 0.5
+"""Seconds after which the launcher is told again: while it starts processes, it loses signals."""
 _TURN = 10.0
 """Seconds that other parts leave to part 0 to tell an error that all have."""
 _RANKS = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK")
@@ -39,7 +43,7 @@ def start_parts(parts: int, arguments: Sequence[str]) -> int:
     """Starts this command in `parts` processes on this machine; returns the exit code of part 0, or that of Ctrl-C.
 
     Ctrl-C, SIGTERM and SIGHUP end the run as in one process: the launcher passes SIGUSR1 on, which part 0 takes as
-    Ctrl-C.
+    Ctrl-C. It is sent until part 0 has it, or has ended.
     """
     with TemporaryDirectory(prefix="uav-cosim-", ignore_cleanup_errors=True) as folder:  # parts may still write there
         return _started(parts, arguments, Path(folder))
@@ -62,30 +66,56 @@ def _started(parts: int, arguments: Sequence[str], folder: Path) -> int:
         environment.setdefault("PRTE_MCA_prte_tmpdir_base", str(folder))
         if os.geteuid() == 0:  # as in a container; the parts are those of this user
             environment |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-    process = subprocess.Popen([launcher, *options, *_COMMAND, *arguments], env=environment, start_new_session=True)
-    pressed = False
+    process: subprocess.Popen[bytes] | None = None
 
-    def passed_on(_number: int, _frame: FrameType | None) -> None:
-        nonlocal pressed
-        pressed = True
-        process.send_signal(signal.SIGUSR1)
+    def passed_on(number: int, _frame: FrameType | None) -> None:
+        if number != signal.SIGALRM:
+            _lengthen(folder / _ASKED)
+        if _length(folder / _TAKEN) < _length(folder / _ASKED):
+            if process is not None:
+                process.send_signal(signal.SIGUSR1)
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN)
 
-    before = {number: signal.signal(number, passed_on) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    before = {signal.SIGALRM: signal.signal(signal.SIGALRM, passed_on)}
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number == signal.SIGINT or signal.getsignal(number) not in (signal.SIG_IGN, None):  # as SIGHUP under nohup
+            before[number] = signal.signal(number, passed_on)
     try:
+        process = subprocess.Popen([launcher, *options, *_COMMAND, *arguments], env=environment, start_new_session=True)
         code = process.wait()
         if file.is_file():
             return int(file.read_text())
         with suppress(ProcessLookupError):  # the launcher, or part 0, was not ready to take a signal; or it was killed
             os.killpg(process.pid, signal.SIGTERM)
-        if pressed:
+        if _length(folder / _ASKED):
             report_error("interrupted")
             return 130
         how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
         report_error(f"part 0 has ended without a result (mpirun {how}); if it has recorded, try uav-cosim repair RUN")
         return 1
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _length(file: Path) -> int:
+    return file.stat().st_size if file.is_file() else 0
+
+
+def _lengthen(file: Path, by: int = 1) -> None:
+    with file.open("ab") as opened:
+        opened.write(b"." * by)
+
+
+def _asked_to_end(_number: int, _frame: FrameType | None) -> None:
+    """Takes SIGUSR1, in part 0, as one Ctrl-C for each time that the user has asked, however often it is sent."""
+    if name := os.environ.get(_STATUS):
+        asked, taken = Path(name).with_name(_ASKED), Path(name).with_name(_TAKEN)
+        if (new := _length(asked) - _length(taken)) <= 0:
+            return
+        _lengthen(taken, new)
+    os.kill(os.getpid(), signal.SIGINT)
 
 
 @contextmanager
@@ -154,7 +184,7 @@ def part_of(
         raise usage(f"{text} MPI library; name that one by MPI4PY_LIBMPI (docs/distributed.md)")
     if transport.part == 0:
         out.quiet = err.quiet = False
-        signal.signal(signal.SIGUSR1, lambda *_: os.kill(os.getpid(), signal.SIGINT))
+        signal.signal(signal.SIGUSR1, _asked_to_end)
     else:  # part 0 ends the run, also when the launcher sends a signal to all, and reports it
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
             signal.signal(number, signal.SIG_IGN)

@@ -19,6 +19,7 @@ from cosim_master.cli.terminal.console import (
     set_verbosity,
     written,
 )
+from cosim_master.cli.terminal.ctrl_c import interrupts_verb
 
 __all__ = ["app", "verb"]
 
@@ -103,6 +104,7 @@ def verb(*examples: str) -> Callable[[F], F]:
             begin_verb()
             try:
                 try:
+                    interrupts_verb()
                     function(**arguments)
                 except KeyboardInterrupt:
                     report_error("interrupted")

@@ -1,0 +1,119 @@
+"""Processes of a run in parts, with a stand-in for mpirun: signals that are lost or sent twice, and files."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+LIMIT = 120.0
+
+MPIRUN = f"""#!{sys.executable}
+import os, signal, subprocess, sys, time
+from pathlib import Path
+if sys.argv[1:] == ["--version"]:
+    print("mpirun (Open MPI) 5.0")
+    sys.exit()
+folder, lost = Path(os.environ["PLACE"]), int(os.environ["LOST"])
+heard = 0
+def hear(*_):
+    global heard
+    heard += 1
+    with (folder / "heard").open("a") as file:
+        file.write(".")
+    for _ in range(int(os.environ["COPIES"]) if heard > lost else 0):
+        part.send_signal(signal.SIGUSR1)
+        time.sleep(0.2)
+signal.signal(signal.SIGUSR1, hear)
+(folder / "tmpdir").write_text(os.environ["PRTE_MCA_prte_tmpdir_base"])
+part = subprocess.Popen([sys.executable, "-c", sys.argv[-1]])
+sys.exit(part.wait())
+"""
+
+PART = """
+import os, signal, time
+from pathlib import Path
+from cosim_master.cli.terminal.launching import _asked_to_end, exit_code_told
+signal.signal(signal.SIGUSR1, _asked_to_end)
+pressed = 0
+def press(*_):
+    global pressed
+    pressed += 1
+signal.signal(signal.SIGINT, press)
+folder = Path(os.environ["PLACE"])
+(folder / "ready").touch()
+end = time.monotonic() + 60
+while not pressed and time.monotonic() < end:
+    time.sleep(0.01)
+time.sleep(1.5)  # further signals would arrive now
+(folder / "pressed").write_text(str(pressed))
+with exit_code_told():
+    raise SystemExit(130)
+"""
+
+COMMAND = f"""
+import os, shutil, sys
+from cosim_master.cli.terminal import launching
+shutil.which = lambda *_, **__: os.path.join(os.environ["PLACE"], "mpirun")
+launching._COMMAND = ()
+sys.exit(launching.start_parts(2, [{PART!r}]))
+"""
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a stand-in for mpirun, in which it and a part tell of themselves."""
+    launcher = tmp_path / "mpirun"
+    launcher.write_text(MPIRUN)
+    launcher.chmod(0o755)
+    monkeypatch.setenv("PLACE", str(tmp_path))
+    monkeypatch.delenv("PRTE_MCA_prte_tmpdir_base", raising=False)
+    return tmp_path
+
+
+def appears(file: Path, process: subprocess.Popen[bytes]) -> None:
+    end = time.monotonic() + LIMIT
+    while not file.exists():
+        assert process.poll() is None and time.monotonic() < end, f"{file} is missing"
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize(
+    ("number", "lost", "copies"), [(signal.SIGINT, 0, 1), (signal.SIGINT, 0, 3), (signal.SIGTERM, 2, 1)]
+)
+def test_ctrl_c_arrives_once_whatever_the_launcher_loses_or_repeats(
+    place: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals, lost: int, copies: int
+) -> None:
+    monkeypatch.setenv("LOST", str(lost))
+    monkeypatch.setenv("COPIES", str(copies))
+    process = subprocess.Popen([sys.executable, "-c", COMMAND])
+    try:
+        appears(place / "ready", process)
+        process.send_signal(number)
+        assert process.wait(timeout=LIMIT) == 130
+    finally:
+        process.kill()
+        process.wait()
+    assert (place / "pressed").read_text() == "1"
+    assert len((place / "heard").read_text()) >= lost + 1
+    assert not Path((place / "tmpdir").read_text()).exists()
+
+
+def test_sighup_stays_ignored_under_nohup(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LOST", "0")
+    monkeypatch.setenv("COPIES", "1")
+    process = subprocess.Popen(["nohup", sys.executable, "-c", COMMAND], stdin=subprocess.DEVNULL)
+    try:
+        appears(place / "ready", process)
+        process.send_signal(signal.SIGHUP)
+        time.sleep(0.5)
+        assert not (place / "heard").exists()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=LIMIT) == 130
+    finally:
+        process.kill()
+        process.wait()
