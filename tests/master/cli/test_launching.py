@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import pytest
 LIMIT = 120.0
 
 MPIRUN = f"""#!{sys.executable}
-import os, signal, subprocess, sys, time
+import json, os, signal, subprocess, sys, time
 from pathlib import Path
 if sys.argv[1:] == ["--version"]:
     print("mpirun (Open MPI) 5.0")
@@ -29,7 +30,7 @@ def hear(*_):
         part.send_signal(signal.SIGUSR1)
         time.sleep(0.2)
 signal.signal(signal.SIGUSR1, hear)
-(folder / "tmpdir").write_text(os.environ["PRTE_MCA_prte_tmpdir_base"])
+(folder / "environment").write_text(json.dumps(dict(os.environ)))
 part = subprocess.Popen([sys.executable, "-c", sys.argv[-1]])
 sys.exit(part.wait())
 """
@@ -55,12 +56,12 @@ with exit_code_told():
     raise SystemExit(130)
 """
 
-COMMAND = f"""
+COMMAND = """
 import os, shutil, sys
 from cosim_master.cli.terminal import launching
 shutil.which = lambda *_, **__: os.path.join(os.environ["PLACE"], "mpirun")
 launching._COMMAND = ()
-sys.exit(launching.start_parts(2, [{PART!r}]))
+sys.exit(launching.start_parts(2, [os.environ.get("PART", "")]))
 """
 
 
@@ -70,9 +71,17 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     launcher = tmp_path / "mpirun"
     launcher.write_text(MPIRUN)
     launcher.chmod(0o755)
-    monkeypatch.setenv("PLACE", str(tmp_path))
-    monkeypatch.delenv("PRTE_MCA_prte_tmpdir_base", raising=False)
+    for name, value in {"PLACE": str(tmp_path), "PART": PART, "LOST": "0", "COPIES": "1"}.items():
+        monkeypatch.setenv(name, value)
+    for name in ("PRTE_MCA_prte_tmpdir_base", "OMPI_MCA_btl"):
+        monkeypatch.delenv(name, raising=False)
     return tmp_path
+
+
+def environment(place: Path) -> dict[str, str]:
+    """The environment of mpirun."""
+    found: dict[str, str] = json.loads((place / "environment").read_text())
+    return found
 
 
 def appears(file: Path, process: subprocess.Popen[bytes]) -> None:
@@ -100,12 +109,10 @@ def test_ctrl_c_arrives_once_whatever_the_launcher_loses_or_repeats(
         process.wait()
     assert (place / "pressed").read_text() == "1"
     assert len((place / "heard").read_text()) >= lost + 1
-    assert not Path((place / "tmpdir").read_text()).exists()
+    assert not Path(environment(place)["PRTE_MCA_prte_tmpdir_base"]).exists()
 
 
-def test_sighup_stays_ignored_under_nohup(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("LOST", "0")
-    monkeypatch.setenv("COPIES", "1")
+def test_sighup_stays_ignored_under_nohup(place: Path) -> None:
     process = subprocess.Popen(["nohup", sys.executable, "-c", COMMAND], stdin=subprocess.DEVNULL)
     try:
         appears(place / "ready", process)
@@ -117,3 +124,18 @@ def test_sighup_stays_ignored_under_nohup(place: Path, monkeypatch: pytest.Monke
     finally:
         process.kill()
         process.wait()
+
+
+@pytest.mark.parametrize("own", [{}, {"OMPI_MCA_btl": "self,tcp", "PRTE_MCA_prte_tmpdir_base": "/somewhere"}])
+def test_open_mpi_looks_for_no_network_unless_the_user_has_it_do_so(
+    place: Path, monkeypatch: pytest.MonkeyPatch, own: dict[str, str]
+) -> None:
+    """Looking takes a second."""
+    for name, value in {"PART": "raise SystemExit", **own}.items():
+        monkeypatch.setenv(name, value)
+    done = subprocess.run([sys.executable, "-c", COMMAND], capture_output=True, text=True, check=False, timeout=LIMIT)
+    assert done.returncode == 1
+    assert "part 0 has ended without a result (mpirun with exit code 0)" in done.stderr
+    told = environment(place)
+    assert told["OMPI_MCA_btl"] == own.get("OMPI_MCA_btl", "^ofi")
+    assert own.items() <= told.items()

@@ -62,6 +62,7 @@ def _started(parts: int, arguments: Sequence[str], folder: Path) -> int:
         # With --oversubscribe, processes give up the processor at each look for messages: milliseconds a window.
         options += ["--with-ft", "ulfm", "--host", f"localhost:{parts}", "--bind-to", "none"]
         environment["OMPI_MCA_opal_signal"] = ""  # crashes are for `execution.run.faults.crashes` to report
+        environment.setdefault("OMPI_MCA_btl", "^ofi")  # a second of looking for networks, which one machine needs not
         # Its files are named by its process id: it does not start where a killed one with the same id left them.
         environment.setdefault("PRTE_MCA_prte_tmpdir_base", str(folder))
         if os.geteuid() == 0:  # as in a container; the parts are those of this user
