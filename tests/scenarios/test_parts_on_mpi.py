@@ -82,7 +82,8 @@ class Parts:
 def running(
     out: Path, *options: str, parts: int = 3, system: str = "line5", temporary: Path | None = None
 ) -> Iterator[Parts]:
-    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(SYSTEMS / system)]
+    hup = "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL); "  # tests may be run under nohup
+    command = [sys.executable, "-c", f"{hup}from cosim_master.cli import main; main()", "run", str(SYSTEMS / system)]
     command += ["-o", str(out), "--partitions", str(parts), *options]
     environment = {**os.environ, "PARTS_OF_TEST": str(out)}
     if temporary is not None:
