@@ -41,8 +41,8 @@ test:
 	$(MAKE) -j 4 loop fmus lint compiled-tests
 	$(MAKE) -j $(if $(ARDUPILOT_SITL),1,2) side-by-side alone
 
-# Kernels of the loop share most of their functions: one process compiles all of them in the time that two need for
-# `run` and `run_framed`. First, so that the build of FMUs, which needs `run`, too, waits for it and does not compile it.
+# Kernels of the loop share most of their functions, so one process compiles all of them. First, so that the build of
+# FMUs, which needs `run`, too, waits for it and does not compile it.
 loop: $(VENV)/installed
 	$(BIN)/python -c 'from cosim_master.stepping.warming import compile_loop; compile_loop()'
 

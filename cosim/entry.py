@@ -172,7 +172,7 @@ class _Table(NamedTuple):
 
 
 _tables: dict[int, _Table] = {}
-_MOST_TABLES = 8
+_MOST_TABLES = 32
 
 
 def forget_tables() -> None:

@@ -274,9 +274,9 @@ def test_kernels_of_parts_are_those_that_a_wheel_has(
         monkeypatch.setattr(module, name, call)
 
     watched(exchange, "replay")
-    for name in ("next_point", "keep_frame", "outbox_needed"):
+    for name in ("run", "outbox_needed"):
         watched(driver, name)
     system, _ = lossy
     in_parts(system, tmp_path, [0, 0, 0, 1, 1, 1, 2, 2, 2], until=1.0)
     assert called == {name: {signature_of(kernels_of_runs()[name][1])} for name in called}
-    assert {"replay", "next_point", "keep_frame"} <= set(called)
+    assert {"replay", "run"} <= set(called)

@@ -31,7 +31,7 @@ __all__ = ["EVERY_RUN", "IN_PARTS", "compile_loop", "kernels_of_runs"]
 EVERY_RUN = ("run", "collect_all", "places_needed", "sent_bytes", "divide")
 """Kernels that every run requires."""
 
-IN_PARTS = ("next_point", "keep_frame", "outbox_needed", "copies", "replay")
+IN_PARTS = ("outbox_needed", "copies", "replay")
 """Kernels that a run in parts requires besides."""
 
 _STRUCTURED = {
@@ -110,7 +110,7 @@ def kernels_of_runs() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     received = np.frombuffer(b"\0", np.uint8)
     reals, bits = np.zeros(1), np.zeros((1, 1), np.uint8)
     return {
-        "run": (macro_step.run, (plan, air, 0)),
+        "run": (macro_step.run, (plan, air, frames.NO_FRAMES, 0)),
         "collect_all": (instances.collect_all, (plan,)),
         "places_needed": (macro_step.places_needed, (plan, air)),
         "sent_bytes": (macro_step.sent_bytes, (plan,)),
@@ -125,7 +125,6 @@ def kernels_of_runs() -> dict[str, tuple[Any, tuple[Any, ...]]]:
         "deliver": (queues.deliver, (air, 0, 0, port)),
         "divide": (logs.divide, (received, 0, chosen, port)),
         "next_point": (macro_step.next_point, (plan, 0)),
-        "keep_frame": (frames.keep_frame, (plan, frames.frames_of((), (), 1))),
         "feed": (exchange.feed, (plan, 0, plan.feeds)),
         "copies": (topology.copies, (air,)),
         "outbox_needed": (macro_step.outbox_needed, (plan,)),

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.network.radio.build import grown, make_radio
 from cosim_master.network.radio.tables import FREE_PLACES, IN_FLIGHT
+from cosim_master.stepping.kernels.frames import NO_FRAMES
 from cosim_master.stepping.kernels.instances import collect_all
 from cosim_master.stepping.kernels.macro_step import places_needed, run
 from cosim_master.stepping.kernels.tables import DONE, FAILED, NEED_PLACES, NOT_A_NUMBER, K
@@ -46,10 +47,10 @@ class Loop:
         self.plan = make_plan(self.layout, time_grid(checked, until), self.network, by_name, 1)  # type: ignore[arg-type]
         self.radio = make_radio(self.network, self.layout.ports["Real"].index, keep=True)
         collect_all(self.plan)
-        assert run(self.plan, self.radio, 0) == DONE
+        assert run(self.plan, self.radio, NO_FRAMES, 0) == DONE
 
     def to(self, k: int) -> int:
-        return int(run(self.plan, self.radio, k))
+        return int(run(self.plan, self.radio, NO_FRAMES, k))
 
 
 def adder(name: str, log: list[str], start: float, size: float = 1.0, **more: Any) -> Scripted:

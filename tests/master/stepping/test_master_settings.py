@@ -15,6 +15,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.radio.build import make_radio
+from cosim_master.stepping.kernels.frames import NO_FRAMES
 from cosim_master.stepping.kernels.instances import collect_all
 from cosim_master.stepping.kernels.macro_step import run
 from cosim_master.stepping.kernels.tables import DONE
@@ -43,10 +44,10 @@ class Loop:
         self.plan = make_plan(layout, clock, network, self.slaves, 1, master=master)  # type: ignore[arg-type]
         self.radio = make_radio(network, layout.ports["Real"].index, keep=True)
         collect_all(self.plan)
-        assert run(self.plan, self.radio, 0) == DONE
+        assert run(self.plan, self.radio, NO_FRAMES, 0) == DONE
 
     def to(self, k: int) -> int:
-        return int(run(self.plan, self.radio, k))
+        return int(run(self.plan, self.radio, NO_FRAMES, k))
 
 
 def through(name: str, log: list[str], size: float = 1.0) -> Scripted:

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from cosim_master import RunOptions, simulate
 from cosim_master.network.radio.build import make_radio
 from cosim_master.stepping import plan as plans
+from cosim_master.stepping.kernels.frames import NO_FRAMES
 from cosim_master.stepping.kernels.instances import collect_all, step_chosen
 from cosim_master.stepping.kernels.macro_step import run
 from cosim_master.stepping.kernels.tables import DO_STEP, DONE, FAILED, GET_STRING, NOT_BEGUN, NOT_READ, TOO_LONG, Plan
@@ -127,7 +128,7 @@ def test_a_step_in_one_call_replaces_all_others() -> None:
     whole = Whole([], lambda k: 0)
     plan, radio = plan_of(whole)
     assert whole.noted == [[0], [2], [], [8], [1], [], [3], [9]]
-    assert run(plan, radio, 2) == DONE
+    assert run(plan, radio, NO_FRAMES, 2) == DONE
     assert calls_of(whole.log) == ["b: whole step 0 + 1", "b: whole step 1 + 1"]
     at = {name: place for place, name in enumerate(("a.y", "b.y"))}
     assert plan.real_out[at["a.y"]] == 2.0
@@ -139,11 +140,11 @@ def test_packets_pass_as_bytes() -> None:
     whole = Whole([], lambda k: 0)
     other = station(whole.log)
     plan, radio = plan_of(whole, others=[other])
-    assert run(plan, radio, 1) == DONE
+    assert run(plan, radio, NO_FRAMES, 1) == DONE
     whole.values["mavlink_tx"] = b64encode(HEARTBEAT).decode()
-    assert run(plan, radio, 2) == DONE
+    assert run(plan, radio, NO_FRAMES, 2) == DONE
     whole.values["mavlink_tx"] = other.values["mavlink_tx"] = ""
-    assert run(plan, radio, 5) == DONE
+    assert run(plan, radio, NO_FRAMES, 5) == DONE
     assert calls_of(whole.log) == [
         f"b: whole step 0 + 1 with {HEARTBEAT.hex()}",
         f"b: whole step 1 + 1 with {HEARTBEAT.hex()}",
@@ -161,7 +162,7 @@ def test_packets_are_text_to_the_calls_of_fmi() -> None:
     other = station(whole.log)
     plan, radio = plan_of(whole, others=[other])
     whole.values["mavlink_tx"] = b64encode(HEARTBEAT).decode()
-    assert run(plan, radio, 3) == DONE
+    assert run(plan, radio, NO_FRAMES, 3) == DONE
     text = b64encode(HEARTBEAT).decode()
     assert calls_of(whole.log) == [
         f"b: whole step 0 + 1 with {HEARTBEAT.hex()}",
@@ -179,7 +180,7 @@ def test_packets_stay_the_same_when_a_step_is_repeated() -> None:
     answers = [0, NOT_BEGUN, NOT_BEGUN, 0]
     whole = Whole([], lambda k: answers.pop(0))
     plan, radio = plan_of(whole, others=[station(whole.log)])
-    assert run(plan, radio, 1) == DONE
+    assert run(plan, radio, NO_FRAMES, 1) == DONE
     whole.log.clear()
     assert plan.ports["filled"][0] == 2
     place, size = plan.ports["given"][0], plan.ports["given_size"][0]
@@ -195,7 +196,7 @@ def test_more_packets_than_fit_are_a_failure() -> None:
     whole = Whole([], lambda k: 0)
     plan, radio = plan_of(whole)
     whole.values["mavlink_tx"] = b64encode(bytes(201)).decode()
-    assert run(plan, radio, 1) == FAILED
+    assert run(plan, radio, NO_FRAMES, 1) == FAILED
     assert list(plan.instances[1]["failed"][:2]) == [GET_STRING, TOO_LONG]
 
 
@@ -214,14 +215,14 @@ def test_an_instance_of_several_endpoints_is_called_by_the_calls_of_fmi() -> Non
 def test_what_no_single_call_can_do_the_calls_of_fmi_do() -> None:
     whole = Whole([], lambda k: NOT_BEGUN)
     plan, radio = plan_of(whole)
-    assert run(plan, radio, 1) == DONE
+    assert run(plan, radio, NO_FRAMES, 1) == DONE
     assert calls_of(whole.log) == STEP_OF_FMI
 
 
 def test_outputs_that_a_step_has_not_read_are_got_by_the_calls_of_fmi() -> None:
     whole = Whole([], lambda k: NOT_READ)
     plan, radio = plan_of(whole)
-    assert run(plan, radio, 1) == DONE
+    assert run(plan, radio, NO_FRAMES, 1) == DONE
     assert calls_of(whole.log) == ["b: whole step 0 + 1", *STEP_OF_FMI[3:]]
 
 
@@ -229,7 +230,7 @@ def test_outputs_that_a_step_has_not_read_are_got_by_the_calls_of_fmi() -> None:
 def test_a_step_that_fails_is_a_failed_step_of_fmi(status: int) -> None:
     whole = Whole([], lambda k: status if k == 1 else 0)
     plan, radio = plan_of(whole)
-    assert run(plan, radio, 6) == FAILED
+    assert run(plan, radio, NO_FRAMES, 6) == FAILED
     assert list(plan.instances[1]["failed"][:2]) == [DO_STEP, status]
     assert list(plan.instances[0]["failed"][:2]) == [0, 0]
 
@@ -238,7 +239,7 @@ def test_an_fmu_that_refuses_is_called_as_any_other() -> None:
     whole = Whole([], lambda k: 0, refuses=True)
     plan, radio = plan_of(whole)
     assert not plan.instances["whole"].any()
-    assert run(plan, radio, 1) == DONE
+    assert run(plan, radio, NO_FRAMES, 1) == DONE
     assert calls_of(whole.log) == STEP_OF_FMI
 
 
@@ -246,7 +247,7 @@ def test_a_step_of_several_base_steps_ends_later() -> None:
     """Its outputs are those of its end, so it is begun and ended by the calls of FMI; the last step is a short one."""
     whole = Whole([], lambda k: 0, step_size=2.0)
     plan, radio = plan_of(whole, until=5.0)
-    assert run(plan, radio, 5) == DONE
+    assert run(plan, radio, NO_FRAMES, 5) == DONE
     steps = [line for line in calls_of(whole.log) if "tep" in line]
     assert steps == ["b: doStep 0 + 2", "b: doStep 2 + 2", "b: whole step 4 + 1"]
 

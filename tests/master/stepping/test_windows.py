@@ -19,6 +19,7 @@ from cosim_master.network.radio.build import grown, make_radio
 from cosim_master.network.radio.tables import FREE_PLACE, FREE_PLACES, USED_EVENTS, USED_LOG, Radio
 from cosim_master.stepping import grouping
 from cosim_master.stepping.grouping import grouped
+from cosim_master.stepping.kernels.frames import NO_FRAMES
 from cosim_master.stepping.kernels.instances import collect_all
 from cosim_master.stepping.kernels.macro_step import places_needed, run
 from cosim_master.stepping.kernels.tables import (
@@ -99,7 +100,7 @@ def test_a_group_makes_all_steps_of_a_window_before_the_next_group_begins(latenc
     log: list[str] = []
     plan, radio = plan_of([talker("a", log), talker("b", log)], far_apart("ab", latency), 20.0, steps=100)
     assert plan.counters[WINDOW] == window
-    assert run(plan, radio, 20) == DONE
+    assert run(plan, radio, NO_FRAMES, 20) == DONE
     steps = [line for line in log if "doStep" in line]
     assert steps[: 2 * window] == [f"{name}: doStep {k} + 1" for name in "ab" for k in range(window)]
     assert len(steps) == 40
@@ -117,7 +118,7 @@ def test_memory_is_asked_for_once_a_window(monkeypatch: pytest.MonkeyPatch) -> N
     plan.instances["expect"] = ctypes.cast(expect, ctypes.c_void_p).value
     plan.counters[EXPECTING] = 1
     log.clear()
-    assert run(plan, radio, 20) == DONE
+    assert run(plan, radio, NO_FRAMES, 20) == DONE
     expected = [line.partition(":")[0] for line in log if line.endswith("expect")]
     assert {name: expected.count(name) for name in "abd"} == {"a": 2, "b": 2, "d": 2}  # at 0 and 16 s
     assert expected.count("c") == 8  # where its steps begin and end: 0, 4, 5, 9, 10, 14, 15, 19 s
@@ -128,7 +129,7 @@ def test_a_window_ends_where_somebody_looks() -> None:
     log: list[str] = []
     plan, radio = plan_of([idle("a", log), idle("b", log)], Network(), 20.0, steps=100)
     log.clear()
-    assert run(plan, radio, 2) == DONE
+    assert run(plan, radio, NO_FRAMES, 2) == DONE
     assert log == [f"{n}: {call}" for n in "ab" for k in (0, 1) for call in (f"doStep {k} + 1", "get y")]
 
 
@@ -192,7 +193,7 @@ def test_the_first_failure_counts_and_later_ones_do_not_exist() -> None:
 
     bad = [Scripted(name, [Y], failing(at), {"y": 0.0}, log) for name, at in (("a", 3.0), ("b", 1.0), ("c", 1.0))]
     plan, radio = plan_of([*bad, idle("d", log)], Network(), 6.0, steps=100)
-    assert run(plan, radio, 6) == FAILED
+    assert run(plan, radio, NO_FRAMES, 6) == FAILED
     assert (plan.counters[K], plan.counters[ROWS]) == (1, 2)
     assert [(row[0], row[0] and row[1]) for row in plan.instances["failed"].tolist()] == [
         (0, 0),
@@ -310,7 +311,7 @@ def play(case: Case, *, groups: bool) -> tuple[Any, ...]:
     rows: list[bytes] = []
     packets: list[bytes] = []
     for stop in [0, *case.stops]:
-        while (reason := int(run(plan, radio, stop))) != DONE:
+        while (reason := int(run(plan, radio, NO_FRAMES, stop))) != DONE:
             if reason == NEED_PLACES:
                 radio = grown(radio, int(places_needed(plan, radio)))
             elif reason == NEED_LOG:

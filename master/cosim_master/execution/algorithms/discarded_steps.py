@@ -23,6 +23,7 @@ from cosim_master.execution.run.state import RunState
 from cosim_master.fmi.slaves.fmi2 import STATUS
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.failures import DISCARD, discard_failure
+from cosim_master.stepping.kernels.frames import NO_FRAMES
 from cosim_master.stepping.kernels.macro_step import end_here
 from cosim_master.stepping.kernels.tables import BASE, ENDED, EVERY, FINER, LAST, PER_NS, START, K, Plan
 
@@ -36,7 +37,7 @@ _FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
 
 def cannot_be_repeated(state: RunState) -> str:
     """Returns the reason why discarded steps of a run cannot be repeated; empty if they can."""
-    if state.frames is not None:
+    if state.frames is not NO_FRAMES:
         return "a run in parts cannot go back: the other parts have its packets already"
     return _incapable(state.slaves) or (
         "what has passed a gateway cannot be taken back"

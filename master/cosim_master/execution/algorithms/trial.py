@@ -13,6 +13,7 @@ from cosim_master.execution.run.state import RunState
 from cosim_master.network.radio.build import grown
 from cosim_master.network.radio.tables import USED_EVENTS, USED_LOG
 from cosim_master.stepping.failures import raise_failures
+from cosim_master.stepping.kernels.frames import NO_FRAMES
 from cosim_master.stepping.kernels.macro_step import places_needed, run
 from cosim_master.stepping.kernels.tables import (
     BASE,
@@ -93,7 +94,7 @@ class Trial:
             counters[place] = value
         rows["period"] = rows["length"] = 1
         rows["h"] = h / 1e9
-        while (reason := run(state.plan, state.radio, 1)) != DONE:
+        while (reason := run(state.plan, state.radio, NO_FRAMES, 1)) != DONE:
             if reason == NEED_PLACES:
                 state.radio = grown(state.radio, int(places_needed(state.plan, state.radio)))
             elif reason == NEED_LOG:

@@ -260,7 +260,6 @@ class Exchange:
     def _own_window(self) -> Given:
         """Returns everything that the part has sent in this window."""
         radio, frames = self._state.radio, self._state.frames
-        assert frames is not None
         n, used = int(radio.counters[POSTED]), int(frames.counters[USED])
         packets = np.array(radio.outbox[:n])
         width = int(packets["length"].max()) if n else 0

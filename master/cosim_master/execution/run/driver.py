@@ -11,7 +11,6 @@ from cosim_master.execution.run.state import RunState
 from cosim_master.network.radio.build import grown
 from cosim_master.network.radio.confining import roomier
 from cosim_master.stepping.failures import raise_failures
-from cosim_master.stepping.kernels.frames import TARGET, keep_frame
 from cosim_master.stepping.kernels.macro_step import next_point, outbox_needed, places_needed, run
 from cosim_master.stepping.kernels.tables import (
     BLOCK_FULL,
@@ -108,16 +107,7 @@ class Driver:
 
     def _loop(self, stop: int) -> int:
         state = self._state
-        if state.frames is None:
-            return int(run(state.plan, state.radio, stop))
-        going = state.frames.counters
-        while going[TARGET] >= 0 or state.plan.counters[K] < stop:
-            if going[TARGET] < 0:
-                going[TARGET] = next_point(state.plan, stop)
-            if (reason := int(run(state.plan, state.radio, int(going[TARGET])))) != DONE:
-                return reason
-            keep_frame(state.plan, state.frames)
-        return DONE
+        return int(run(state.plan, state.radio, state.frames, stop))
 
     def _need_outbox(self) -> None:
         self._state.radio = roomier(self._state.radio, int(outbox_needed(self._state.plan)))

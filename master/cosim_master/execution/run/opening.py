@@ -20,7 +20,7 @@ from cosim_master.network.radio.confining import confined_radio
 from cosim_master.results.storage.checkpoint_folder import Checkpoint
 from cosim_master.stepping.confining import confined
 from cosim_master.stepping.grouping import grouped
-from cosim_master.stepping.kernels.frames import frames_of
+from cosim_master.stepping.kernels.frames import NO_FRAMES, frames_of
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.plan import make_plan
 from cosim_master.stepping.profiling import Profiler
@@ -139,7 +139,7 @@ def open_run(
         master=master,
         grid=setup.grid or master.variable,
     )
-    frames = None
+    frames = NO_FRAMES
     if share is not None:
         plan = confined(plan, layout, clock.periods, elsewhere)
         radio = confined_radio(radio, share.nodes)

@@ -16,7 +16,7 @@ from cosim_master.execution.events.event_mode import EventMode
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.network.radio.tables import Radio
 from cosim_master.stepping.failures import reached
-from cosim_master.stepping.kernels.frames import Frames
+from cosim_master.stepping.kernels.frames import NO_FRAMES, Frames
 from cosim_master.stepping.kernels.tables import BASE, PER_NS, START, K, Plan
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.strings import Texts, failing
@@ -39,7 +39,7 @@ class RunState:
         radio: arrays of the radio, which are replaced by larger ones when they become too small.
         event_mode: events and Clocks of FMI 3.
         texts: Strings that are not packets.
-        frames: of a part of a run, the values that it passes on; None in a run in one process.
+        frames: of a part of a run, the values that it passes on; `NO_FRAMES` in a run in one process.
     """
 
     checked: CheckedSystem
@@ -51,7 +51,7 @@ class RunState:
     radio: Radio
     event_mode: EventMode
     texts: Texts
-    frames: Frames | None = None
+    frames: Frames = NO_FRAMES
 
     @property
     def time(self) -> float:

@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.entry import entry
+from cosim.kernel import kernel
 from cosim_master.stepping.kernels.exchange import feed
 from cosim_master.stepping.kernels.tables import K, Plan
 
-__all__ = ["TARGET", "Frames", "frames_of", "keep_frame"]
+__all__ = ["DUE", "NO_FRAMES", "USED", "Frames", "frames_of", "keep_frame"]
 
-USED, TARGET = 0, 1
-"""Places in `Frames.counters`: frames in use; the base step to which the loop was on its way, -1: none."""
+USED, DUE = 0, 1
+"""Places in `Frames.counters`: frames in use; the base step whose frame is still to be added, -1: none."""
 
 
 class Frames(NamedTuple):
@@ -46,7 +46,11 @@ def frames_of(reals: Sequence[int], ints: Sequence[int], rows: int) -> Frames:
     )
 
 
-@entry
+NO_FRAMES = frames_of((), (), 0)
+"""Those of a run in one process, which adds none."""
+
+
+@kernel
 def keep_frame(p: Plan, f: Frames) -> None:
     """Adds a frame of the values at the current base step."""
     if p.delays.size > 0:
@@ -58,4 +62,4 @@ def keep_frame(p: Plan, f: Frames) -> None:
     for j in range(f.ints_of.size):
         f.ints[row, j] = p.int_out[f.ints_of[j]]
     f.counters[USED] = row + 1
-    f.counters[TARGET] = -1
+    f.counters[DUE] = -1

@@ -51,6 +51,7 @@ from cosim_master.network.radio.tables import (
 )
 from cosim_master.network.radio.topology import copies, sort_along
 from cosim_master.stepping.kernels.exchange import delay, exchange, extrapolate, point_in_time
+from cosim_master.stepping.kernels.frames import DUE, Frames, keep_frame
 from cosim_master.stepping.kernels.instances import (
     _blame,
     _call,
@@ -321,13 +322,18 @@ def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
 
 
 @entry
-def run(p: Plan, r: Radio, k_stop: int) -> int:
-    """Makes macro steps until k = `k_stop`, or until Python is needed; returns the reason."""
+def run(p: Plan, r: Radio, f: Frames, k_stop: int) -> int:
+    """Makes macro steps until k = `k_stop`, or until Python is needed; returns the reason.
+
+    A part of a run adds a frame of the values at each communication point, when nothing changes them any more.
+    """
     counters = p.counters
     p.shared[PLACES] = r.places.ctypes.data
     while True:
         k = counters[K]
         if counters[PHASE] == DELIVER:
+            if f.counters[DUE] == k:
+                keep_frame(p, f)
             if k >= k_stop:
                 return DONE
             if r.counters[WAITING] > 0:
@@ -408,6 +414,8 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
             k = _following(p.grids, counters, k, max(k, k_stop))
         counters[K] = k
         counters[PHASE] = DELIVER
+        if f.steps.size > 0:
+            f.counters[DUE] = k
         if (
             k % counters[EVERY] == 0
             and (p.grids.size == 0 or counters[EVERY] > counters[FINER] or _is_point(p.grids, k, counters[FINER]))
