@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import re
 import signal
 import socket
@@ -41,9 +42,19 @@ def never() -> bool:
 
 
 def free_port() -> int:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
+    """A port that is free, as is the next, which brokers of kind zmq take, too.
+
+    Ports above these are given to clients: another test's connection could have it when the broker begins.
+    """
+    for port in random.SystemRandom().sample(range(20_000, 32_000), 1000):
+        try:
+            for one in (port, port + 1):
+                with socket.socket() as found:
+                    found.bind(("127.0.0.1", one))
+        except OSError:
+            continue
+        return port
+    raise AssertionError("no two ports in a row are free")
 
 
 @contextmanager
