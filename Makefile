@@ -18,10 +18,9 @@ UV := $(BIN)/uv pip install --quiet --python $(BIN)/python
 # Hundreds of processes import the same sources.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Tests wait for processes and clocks: with two workers more than cores, two cores compute for 95 % of the time, and with
-# one more, for 90 %.
+# Tests wait for processes and clocks: with one worker more than cores, all cores are busy.
 # Asked of the Python at hand: make expands the lines of a rule before .venv is there.
-WORKERS = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 2)')
+WORKERS = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 
 # Tests that wait for other programs and hardly compute; their files are named, so that no others are collected.
 # Real ArduCopters compute much: with them, these tests are run behind the others instead of beside them.
