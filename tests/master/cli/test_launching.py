@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,7 +32,7 @@ def hear(*_):
         time.sleep(0.2)
 signal.signal(signal.SIGUSR1, hear)
 (folder / "environment").write_text(json.dumps(dict(os.environ)))
-part = subprocess.Popen([sys.executable, "-c", sys.argv[-1]])
+part = subprocess.Popen([sys.executable, "-c", sys.argv[-1]], process_group=0)  # as mpirun does
 sys.exit(part.wait())
 """
 
@@ -84,7 +85,7 @@ def environment(place: Path) -> dict[str, str]:
     return found
 
 
-def appears(file: Path, process: subprocess.Popen[bytes]) -> None:
+def appears(file: Path, process: subprocess.Popen[Any]) -> None:
     end = time.monotonic() + LIMIT
     while not file.exists():
         assert process.poll() is None and time.monotonic() < end, f"{file} is missing"
@@ -110,6 +111,43 @@ def test_ctrl_c_arrives_once_whatever_the_launcher_loses_or_repeats(
     assert (place / "pressed").read_text() == "1"
     assert len((place / "heard").read_text()) >= lost + 1
     assert not Path(environment(place)["PRTE_MCA_prte_tmpdir_base"]).exists()
+
+
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes do not show their environments")
+def test_parts_end_when_ctrl_c_ends_their_launcher_alone(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As mpirun does if the signal comes between the start of its processes and that of its own handler."""
+    waits = """
+import os, time
+from pathlib import Path
+place = Path(os.environ["PLACE"])
+(place / "part").write_text(str(os.getpid()))
+(place / "part").rename(place / "ready")
+time.sleep(100)
+"""
+    monkeypatch.setenv("PART", waits)
+    (place / "mpirun").write_text(MPIRUN.replace("signal.signal(signal.SIGUSR1, hear)", ""))
+    command = [sys.executable, "-c", COMMAND]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    try:
+        appears(place / "ready", process)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=LIMIT)  # a part that is left keeps this pipe open
+    finally:
+        process.kill()
+        process.wait()
+    assert (process.returncode, said) == (130, "error: interrupted\n")
+    end = time.monotonic() + 10.0
+    while (alive := _runs(int((place / "ready").read_text()))) and time.monotonic() < end:
+        time.sleep(0.02)
+    assert not alive
+
+
+def _runs(process: int) -> bool:
+    """Whether it exists and is no zombie, which nobody may have waited for."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_sighup_stays_ignored_under_nohup(place: Path) -> None:

@@ -89,6 +89,7 @@ def _started(parts: int, arguments: Sequence[str], folder: Path) -> int:
         with suppress(ProcessLookupError):  # the launcher, or part 0, was not ready to take a signal; or it was killed
             os.killpg(process.pid, signal.SIGTERM)
         if _length(folder / _ASKED):
+            _end_all(f"{_STATUS}={file}")  # the signal may have ended the launcher alone
             report_error("interrupted")
             return 130
         how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
@@ -98,6 +99,14 @@ def _started(parts: int, arguments: Sequence[str], folder: Path) -> int:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _end_all(variable: str) -> None:
+    """Ends all processes that have this variable in their environment, where Linux tells it."""
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # of another user; or it has just ended
+            if variable.encode() in (process / "environ").read_bytes().split(b"\0"):
+                os.kill(int(process.name), signal.SIGKILL)
 
 
 def _length(file: Path) -> int:
