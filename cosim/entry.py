@@ -173,6 +173,7 @@ class _Table(NamedTuple):
 
 _tables: dict[int, _Table] = {}
 _MOST_TABLES = 32
+"""Parts of a run that are threads of one process have three each: a plan, a radio and frames."""
 
 
 def forget_tables() -> None:
