@@ -95,14 +95,14 @@ def build_compiled(
     binaries: dict[str, bytes] = {}
     with tempfile.TemporaryDirectory(prefix="uav-cosim-build-") as temporary:
         folder = Path(temporary)
-        header = (_header3 if fmi == 3 else _header)(model, guid, dtype, head)
-        (folder / "model.h").write_text(f"#define CHECKED {int(checked)}\n{header}", encoding="utf-8")
+        described_in_c = (_model3_c if fmi == 3 else _model2_c)(model, guid, dtype, head)
+        (folder / "model.c").write_text(described_in_c, encoding="utf-8")
         for name, machine_code in kernel_code(model, sources, targets, checked=checked):
             target = TARGETS[name]
             code = folder / f"{name}.o"
             code.write_bytes(machine_code)
             library = folder / f"{model.__name__}{target.suffix}"
-            _link(code, library, name, model.__name__, fmi)
+            _link(code, library, name, model.__name__, fmi, checked)
             folder_in_fmu = target.folder3 if fmi == 3 else target.folder
             binaries[f"binaries/{folder_in_fmu}/{library.name}"] = library.read_bytes()
     entries = {
@@ -281,11 +281,15 @@ def _for_target(ir: str, target: Target, machine: Any) -> str:
     return re.sub(r'^target datalayout = ".*"$', f'target datalayout = "{machine.target_data}"', ir, flags=re.MULTILINE)
 
 
-def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
-    """Compiles fmi2.c or fmi3.c with model.h and links it with `code` to a library that needs only libc and libm."""
-    source = Path(__file__).with_name(f"fmi{fmi}.c")
+def _link(code: Path, library: Path, target: str, model: str, fmi: int, checked: bool) -> None:
+    """Compiles fmi2.c or fmi3.c, and model.c beside `code`, and links them to a library that needs only libc and libm.
+
+    zig keeps the object of fmi2.c or fmi3.c, which is the same for all models.
+    """
+    here = Path(__file__).parent
+    sources = [str(here / f"fmi{fmi}.c"), str(code.with_name("model.c"))]
     libraries = ["-lm"]
-    flags = ["-std=gnu11", "-O2", "-g0", "-fvisibility=hidden", "-shared", f"-I{library.parent}"]
+    flags = ["-std=gnu11", "-O2", "-g0", "-fvisibility=hidden", "-shared", f"-I{here}", f"-DCHECKED={int(checked)}"]
     if os.environ.get("CC") and target == HOST:
         try:
             compiler = shlex.split(os.environ["CC"])
@@ -303,7 +307,7 @@ def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
     flags.append("-s" if target.startswith("windows") else "-fPIC")
     if target.startswith("linux"):
         flags += ["-Wl,--no-undefined", "-Wl,-s", "-Wl,-Bsymbolic"]
-    command = [*compiler, *flags, str(source), str(code), *libraries, "-o", str(library)]
+    command = [*compiler, *flags, *sources, str(code), *libraries, "-o", str(library)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
@@ -312,14 +316,14 @@ def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
         raise RuntimeError(f"{model}: {' '.join(compiler)} failed:\n{done.stderr}")
 
 
-def _header(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) -> str:
-    """Returns model.h, the description of one model for fmi2.c."""
+def _model2_c(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) -> str:
+    """Returns model.c for fmi2.c, with a variable for each element of an array."""
     rows: list[str] = []
     text = 0
     assert dtype.fields is not None
     for one in flat_variables(model.variables):
         v = one.variable
-        kind = {"Real": "REAL", "Boolean": "BOOLEAN", "Packets": "PACKETS"}.get(v.kind, "INTEGER")
+        kind = {"ENUMERATION": "INTEGER"}.get(_kind(v), _kind(v))
         offset = dtype.fields[v.name][1]
         if one.index is not None:
             offset += one.index * {"REAL": 8, "INTEGER": 4, "BOOLEAN": 1}[kind]
@@ -330,8 +334,8 @@ def _header(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) 
         if v.kind == "Packets":
             text += 4 * ((v.capacity + 2) // 3) + 1
     together = ",".join(map(str, _together(model, dtype)))
-    more = [f"#define TEXT_SIZE {text}", f"static const unsigned short TOGETHER[] = {{{together}}};"]
-    return _model_h(model, guid, dtype, head, rows, more)
+    more = [f"const unsigned short TOGETHER[] = {{{together}}};"]
+    return _model_c(model, guid, dtype, head, rows, text, more)
 
 
 def _together(model: type[Model], dtype: np.dtype[np.void]) -> list[int]:
@@ -352,19 +356,21 @@ def _together(model: type[Model], dtype: np.dtype[np.void]) -> list[int]:
 _MOST_TOGETHER = np.iinfo(np.uint16).max
 
 
-def _header3(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) -> str:
-    """Returns model.h, the description of one model for fmi3.c."""
+def _model3_c(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) -> str:
+    """Returns model.c for fmi3.c."""
     rows: list[str] = []
     assert dtype.fields is not None
-    kinds = {"Real": "FLOAT64", "Integer": "INT32", "Boolean": "BOOLEAN", "Packets": "BINARY"}
     for v in exported(model):
-        kind = kinds.get(v.kind, "ENUMERATION")
         length = dtype.fields[f"{v.name}_len"][1] if v.kind == "Packets" else 0
         count = v.capacity if v.kind == "Packets" else v.shape[0] if v.shape else 1
         offset = dtype.fields[v.name][1]
-        rows.append(f'    {{"{v.name}", {kind}, {_role(v)}, {offset}, {length}, {count}, {_limits(v)}}},')
-    rows.append(f'    {{"{TIME}", TIME, INPUT, 0, 0, 1, 0, 0}},')
-    return _model_h(model, guid, dtype, head, rows, [])
+        rows.append(f'    {{"{v.name}", {_kind(v)}, {_role(v)}, {offset}, {length}, {count}, 0, {_limits(v)}}},')
+    rows.append(f'    {{"{TIME}", TIME, INPUT, 0, 0, 1, 0, 0, 0}},')
+    return _model_c(model, guid, dtype, head, rows, 0, [])
+
+
+def _kind(v: Variable) -> str:
+    return v.kind.upper() if v.kind in ("Real", "Integer", "Boolean", "Packets") else "ENUMERATION"
 
 
 def _role(v: Variable) -> str:
@@ -373,33 +379,31 @@ def _role(v: Variable) -> str:
 
 
 def _limits(v: Variable) -> str:
-    return ", ".join(repr(float(x)).replace("inf", "INFINITY") for x in v.limits())
+    return ", ".join(repr(float(x)).replace("inf", "__builtin_inf()") for x in v.limits())
 
 
-def _model_h(
-    model: type[Model], guid: str, dtype: np.dtype[np.void], head: int, rows: list[str], more: list[str]
+def _model_c(
+    model: type[Model], guid: str, dtype: np.dtype[np.void], head: int, rows: list[str], text: int, more: list[str]
 ) -> str:
+    """Returns the definitions of what model.h declares."""
     errors = [f"    {{{code}, {json.dumps(message)}}}," for code, message in sorted(model.errors.items())]
-    defaults = ",".join(map(str, model.record().tobytes()))
+    busy_from, busy_to = busy_part(model.variables)
     return "\n".join(
         [
-            "#include <math.h>",
-            f'#define MODEL "{model.__name__}"',
-            f'#define GUID "{guid}"',
-            f"#define RECORD_SIZE {dtype.itemsize}",
-            f"#define HEAD_SIZE {head}",
-            "#define BUSY_FROM {}\n#define BUSY_TO {}".format(*busy_part(model.variables)),
-            *more,
-            f"#define N_VARIABLES {len(rows)}",
-            "static const Variable VARIABLES[] = {",
+            '#include "model.h"',
+            f'const char MODEL[] = "{model.__name__}", GUID[37] = "{guid}";',
+            f"const size_t RECORD_SIZE = {dtype.itemsize}, HEAD_SIZE = {head};",
+            f"const size_t BUSY_FROM = {busy_from}, BUSY_TO = {busy_to}, TEXT_SIZE = {text};",
+            f"const unsigned N_VARIABLES = {len(rows)}, N_ERRORS = {len(errors)};",
+            "const Variable VARIABLES[] = {",
             *rows,
             "};",
-            f"#define N_ERRORS {len(errors)}",
-            f'#define ERROR_CODES "{", ".join(map(str, sorted(model.errors))) or "it has none"}"',
-            "static const KernelError ERRORS[] = {",
+            *more,
+            f"const unsigned char DEFAULTS[] = {{{','.join(map(str, model.record().tobytes()))}}};",
+            "const KernelError ERRORS[] = {",
             *(errors or ["    {0, 0},"]),
             "};",
-            f"static const unsigned char DEFAULTS[] = {{{defaults}}};",
+            f'const char ERROR_CODES[] = "{", ".join(map(str, sorted(model.errors))) or "it has none"}";',
             "",
         ]
     )

@@ -3,6 +3,7 @@
    A call that the state table of section 4.2.4 forbids, an unknown value reference, a wrong type, NaN or a value out of
    range returns fmi2Error. Packets are base64 text in a String. */
 
+#include <math.h>
 #include <stddef.h>
 
 #ifdef _WIN32
@@ -31,12 +32,10 @@ typedef struct {
     void *componentEnvironment;
 } fmi2CallbackFunctions;
 
-typedef enum { REAL, INTEGER, BOOLEAN, PACKETS } Kind;
 typedef fmi2Status Status;
 typedef fmi2Boolean Boolean;
 typedef fmi2Byte Byte;
 typedef fmi2CallbackFunctions Environment;
-#define VARIABLE_TEXT size_t text;
 #define OK fmi2OK
 #define FAILURE fmi2Error
 #define FMI(name) fmi2##name
@@ -69,7 +68,7 @@ EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String 
     if (!name || !*name) { complain(functions, "", "fmi2Instantiate: the instance name is empty"); return NULL; }
     if (type != fmi2CoSimulation) { complain(functions, name, "fmi2Instantiate: this FMU is for co-simulation only"); return NULL; }
     if (!guid || strcmp(guid, GUID)) {
-        complain(functions, name, "fmi2Instantiate: wrong GUID %s, the binary of " MODEL " has " GUID, guid ? guid : "(NULL)");
+        complain(functions, name, "fmi2Instantiate: wrong GUID %s, the binary of %s has %s", guid ? guid : "(NULL)", MODEL, GUID);
         return NULL;
     }
     return new_instance(name, *functions);
@@ -95,7 +94,7 @@ static const char *KIND_NAMES[] = {"Real", "Integer", "Boolean", "String"};
 #define READABLE (INITIALIZATION | STEP | TERMINATED | ERROR)
 
 static fmi2Status unknown(Instance *s, const char *function, fmi2ValueReference vr, Kind kind) {
-    if (vr >= N_VARIABLES) return fail(s, "%s: value reference %u, there are 0 to %d", function, vr, N_VARIABLES - 1);
+    if (vr >= N_VARIABLES) return fail(s, "%s: value reference %u, there are 0 to %u", function, vr, N_VARIABLES - 1);
     return fail(s, "%s: value reference %u is %s, a %s, not a %s", function, vr, VARIABLES[vr].name,
                 KIND_NAMES[VARIABLES[vr].kind], KIND_NAMES[kind]);
 }

@@ -41,7 +41,6 @@ typedef void (*fmi3IntermediateUpdate)(fmi3InstanceEnvironment, fmi3Float64, fmi
 typedef void (*fmi3ClockUpdate)(fmi3InstanceEnvironment);
 typedef void (*fmi3Preemption)(void);
 
-typedef enum { FLOAT64, INT32, BOOLEAN, ENUMERATION, BINARY, TIME } Kind;
 typedef fmi3Status Status;
 typedef fmi3Boolean Boolean;
 typedef fmi3Byte Byte;
@@ -49,7 +48,6 @@ typedef struct {
     fmi3InstanceEnvironment environment;
     fmi3LogMessage logger;
 } Environment;
-#define VARIABLE_TEXT
 #define OK fmi3OK
 #define FAILURE fmi3Error
 #define FMI(name) fmi3##name
@@ -77,7 +75,7 @@ EXPORT fmi3Instance fmi3InstantiateCoSimulation(
 #define REFUSE(...) return complain(&own, "", "fmi3InstantiateCoSimulation: " __VA_ARGS__), NULL
     if (!name || !*name) REFUSE("the instance name is empty");
     if (!token || strcmp(token, GUID))
-        REFUSE("wrong instantiation token %s, the binary of " MODEL " has " GUID, token ? token : "(NULL)");
+        REFUSE("wrong instantiation token %s, the binary of %s has %s", token ? token : "(NULL)", MODEL, GUID);
     if (event_mode) REFUSE("this FMU has no Event Mode (hasEventMode is false)");
     if (n_required) REFUSE("this FMU has no intermediate update (providesIntermediateUpdate is false)");
 #undef REFUSE
@@ -111,10 +109,10 @@ EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_to
 
 /* ---- values ---------------------------------------------------------------------------------------------------------- */
 
-static const char *KIND_NAMES[] = {"Float64", "Int32", "Boolean", "Enumeration", "Binary", "Float64"};
+static const char *KIND_NAMES[] = {"Float64", "Int32", "Boolean", "Binary", "Enumeration", "Float64"};
 
 static fmi3Status unknown(Instance *s, const char *function, fmi3ValueReference vr) {
-    if (vr >= N_VARIABLES) return fail(s, "%s: value reference %u, there are 0 to %d", function, (unsigned)vr, N_VARIABLES - 1);
+    if (vr >= N_VARIABLES) return fail(s, "%s: value reference %u, there are 0 to %u", function, (unsigned)vr, N_VARIABLES - 1);
     return fail(s, "%s: value reference %u is %s, of type %s", function, (unsigned)vr, VARIABLES[vr].name, KIND_NAMES[VARIABLES[vr].kind]);
 }
 
@@ -152,7 +150,7 @@ static fmi3Status unreadable(Instance *s, const char *function, const Variable *
     EXPORT fmi3Status fmi3Get##Type(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3##Type value[], size_t n_values) { \
         GET_PROLOGUE("fmi3Get" #Type);                                                                                 \
         for (size_t i = 0; i < n; i++) {                                                                               \
-            VARIABLE("fmi3Get" #Type, v->kind == kind_ || (kind_ == FLOAT64 && v->kind == TIME));                      \
+            VARIABLE("fmi3Get" #Type, v->kind == kind_ || (kind_ == REAL && v->kind == TIME));                      \
             if (!readable(s, v)) return unreadable(s, "fmi3Get" #Type, v);                                             \
             if (v->count > n_values - at) return miscounted(s, "fmi3Get" #Type, n_values, at + v->count);              \
             const unsigned char *from = v->kind == TIME ? (const unsigned char *)&s->progress.time : s->record + v->offset; \
@@ -186,8 +184,8 @@ static fmi3Status unreadable(Instance *s, const char *function, const Variable *
         return fmi3OK;                                                                                                 \
     }
 
-ACCESS(Float64, FLOAT64, double, "%g", double)
-ACCESS(Int32, INT32, int32_t, "%d", int)
+ACCESS(Float64, REAL, double, "%g", double)
+ACCESS(Int32, INTEGER, int32_t, "%d", int)
 ACCESS(Int64, ENUMERATION, int32_t, "%lld", long long)
 ACCESS(Boolean, BOOLEAN, unsigned char, "%d", int)
 
@@ -224,7 +222,7 @@ EXPORT fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference vr[], s
     NEEDS("fmi3GetBinary", size, n_values);
     if (n != n_values) return miscounted(s, "fmi3GetBinary", n_values, n);
     for (size_t i = 0; i < n; i++, at++) {
-        VARIABLE("fmi3GetBinary", v->kind == BINARY);
+        VARIABLE("fmi3GetBinary", v->kind == PACKETS);
         if (!readable(s, v)) return unreadable(s, "fmi3GetBinary", v);
         USED_BYTES(v);
         size[at] = (size_t)used;
@@ -238,7 +236,7 @@ EXPORT fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference vr[], s
     NEEDS("fmi3SetBinary", size, n_values);
     if (n != n_values) return miscounted(s, "fmi3SetBinary", n_values, n);
     for (size_t i = 0; i < n; i++, at++) {
-        SETTABLE_VARIABLE("fmi3SetBinary", v->kind == BINARY);
+        SETTABLE_VARIABLE("fmi3SetBinary", v->kind == PACKETS);
         if (size[at] > v->count) return fail(s, "fmi3SetBinary: %s holds %zu bytes, not %zu", v->name, v->count, size[at]);
         if (size[at] && !value[at]) return fail(s, "fmi3SetBinary: %s: the bytes are NULL", v->name);
     }

@@ -1,8 +1,7 @@
 /* An instance of a compiled FMU: a record, two kernels and the progress of a simulation. fmi2.c and fmi3.c include it.
 
-   The memory of an instance is one record, and a variable is an offset into it (model.h, generated from the model's
-   declaration). Therefore instances share nothing, saving the state is one memcpy, and these files are independent of
-   the model. A call in a state that forbids it, or with a wrong argument, returns the status Error with a message, sets
+   The memory of an instance is one record, and a variable is an offset into it (model.h). Therefore instances share
+   nothing, saving the state is one memcpy, and these files are independent of the model. A call in a state that forbids it, or with a wrong argument, returns the status Error with a message, sets
    nothing, and puts the instance into the error state, as does a failed kernel. The error state permits only reading,
    resetting, restoring an FMU state, and freeing the instance.
 
@@ -10,9 +9,7 @@
        FMI(name), STATE(verb, rest), DESERIALIZE   the names of functions of its version of FMI
        Status, OK, FAILURE                         the status of a call, and two of its values
        Boolean, Byte                               types of arguments
-       Kind                                        the types of variables, an enumeration
        Environment                                 the part of an instance by which it logs
-       VARIABLE_TEXT                               `size_t text;` if packets are text, otherwise nothing
        log_text, MODE_NAMES                        see below */
 
 #include <stdarg.h>
@@ -28,24 +25,9 @@
 #define NAME_(function) #function
 #define NAME(function) NAME_(function)
 
-typedef enum { FIXED, TUNABLE, INPUT, CALCULATED } Role;
-typedef struct {
-    const char *name;
-    Kind kind;
-    Role role;
-    size_t offset;   /* into the record; of packets: of their bytes */
-    size_t length;   /* of packets: offset of the number of bytes used */
-    size_t count;    /* elements; of packets: capacity in bytes */
-    VARIABLE_TEXT    /* of packets as text: offset into Instance.text */
-    double min, max; /* of numbers and enumerations */
-} Variable;
-typedef struct { int code; const char *text; } KernelError;
-#define LINE 64 /* bytes of a cache line */
+#include "model.h"
 
-#include "model.h" /* MODEL, GUID, RECORD_SIZE, HEAD_SIZE, BUSY_FROM, BUSY_TO, VARIABLES, N_VARIABLES, DEFAULTS, ERRORS, N_ERRORS, ERROR_CODES, CHECKED */
-#ifndef TEXT_SIZE /* bytes of all packets as text */
-#define TEXT_SIZE 0
-#endif
+#define LINE 64 /* bytes of a cache line */
 
 /* They return 0, or nonzero if the kernel raised an exception; then `exception` points to its text, a format for index_text.
    `code` is the kernel's return value. */
@@ -197,7 +179,7 @@ static Status kernel_status(Instance *s, const char *what, int raised, const cha
     if (!code) return OK;
     for (size_t i = 0; i < N_ERRORS; i++)
         if (ERRORS[i].code == code) return fail(s, "%s: %s (code %d)", what, ERRORS[i].text, code);
-    return fail(s, "%s returned %d; it returns 0, or a key of errors (" ERROR_CODES ")", what, code);
+    return fail(s, "%s returned %d; it returns 0, or a key of errors (%s)", what, code, ERROR_CODES);
 }
 
 /* In Initialization Mode `start` runs once before values are read after others were set. */
@@ -314,7 +296,7 @@ static uint64_t checksum(const void *bytes, size_t n) { /* FNV-1a */
 
 #define OWN_STATE(function, state)                                                                                     \
     NEEDS(function, state, 1);                                                                                         \
-    if (memcmp(state, GUID, sizeof GUID)) return fail(s, "%s: this is not a state of " MODEL " " GUID, function)
+    if (memcmp(state, GUID, sizeof GUID)) return fail(s, "%s: this is not a state of %s %s", function, MODEL, GUID)
 
 EXPORT Status STATE(Get, )(void *c, void **state) {
     CALL(NAME(STATE(Get, )), ANY);
@@ -376,7 +358,7 @@ EXPORT Status DESERIALIZE(void *c, const Byte bytes[], size_t size, void **state
     NEEDS(NAME(DESERIALIZE), state, 1);
     NEEDS(NAME(DESERIALIZE), bytes, 1);
     if (size != SERIALIZED_SIZE || memcmp(bytes, GUID, sizeof GUID))
-        return fail(s, NAME(DESERIALIZE) ": these %zu bytes are not a state of " MODEL " " GUID, size);
+        return fail(s, NAME(DESERIALIZE) ": these %zu bytes are not a state of %s %s", size, MODEL, GUID);
     uint64_t sum;
     memcpy(&sum, bytes + STATE_SIZE, sizeof sum);
     if (sum != checksum(bytes, STATE_SIZE)) return fail(s, NAME(DESERIALIZE) ": the bytes are damaged");

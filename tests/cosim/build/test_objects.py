@@ -1,4 +1,4 @@
-"""The cache of object code: which models share an object."""
+"""Caches of object code: which models share an object."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from cosim.build.native.compiled import HOST, build_compiled
 from cosim.build.native.objects import object_code
 from cosim.build.sources import sources_of
 from cosim.model import Model, record_layout
@@ -64,3 +65,15 @@ def test_agents_share_a_kit_and_differ_by_the_law_that_its_kernels_close_over(co
     assert code(Flocking, b"flock") == b"flock"
     assert code(Coverage, b"cover") == b"cover"
     assert code(Flocking, b"again") == b"flock"
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_code_that_is_the_same_for_all_models_is_compiled_once(
+    fmi: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(tmp_path / "zig"))
+    monkeypatch.delenv("CC", raising=False)
+    for model in (PointMass, Quadrotor):
+        build_compiled(model, sources_of(model), {}, tmp_path / "a.fmu", [HOST], fmi, checked=False)
+    compiled = sorted(file.name for file in tmp_path.rglob("*.o") if file.stem in ("model", f"fmi{fmi}"))
+    assert compiled == [f"fmi{fmi}.o", "model.o", "model.o"]
