@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -218,6 +219,27 @@ def test_input_that_nothing_drives(undriven: Path, tmp_path: Path) -> None:
 def test_gateway_that_nothing_crosses(line: Callable[..., Path], tmp_path: Path) -> None:
     run = Run(line(3), tmp_path, until=0.5, gcs=["tcp:0"])
     assert run.of("silent gateway")["@gcs"].text.startswith("nothing has crossed @gcs (tcp:127.0.0.1:")
+
+
+def test_gateway_that_nobody_listens_to(line: Callable[..., Path], tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:  # so that nobody else listens there
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        taken.connect(("127.0.0.1", 9))  # and what comes from elsewhere is refused
+        run = Run(line(3), tmp_path, until=2.0, gcs=[f"udpout:127.0.0.1:{port}"])
+    text = run.of("silent gateway")["@gcs"].text
+    assert re.fullmatch(
+        rf"\d+ of \d+ packets were refused at @gcs \(udpout:127\.0\.0\.1:{port}\), and none came from it: "
+        r"does a program listen there\?",
+        text,
+    )
+
+
+def test_gateway_that_somebody_only_listens_to(line: Callable[..., Path], tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ears:
+        ears.bind(("127.0.0.1", 0))
+        run = Run(line(3), tmp_path, until=2.0, gcs=[f"udpout:127.0.0.1:{ears.getsockname()[1]}"])
+    assert run.of("silent gateway") == {}
 
 
 # ---- the command ---------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from cosim_master.diagnostics.errors import FmuError, RunFailed
 from cosim_master.diagnostics.limitations import DISCARDED, PENDING, WIDE_INTEGER
 from cosim_master.diagnostics.limitations import NOT_A_NUMBER as NAN
 from cosim_master.fmi.calls import FUNCTIONS, KINDS
+from cosim_master.fmi.description.read import Start, Variable
 from cosim_master.fmi.slaves.fmi2 import STATUS
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.fmi3_types import OUT_OF_RANGE
@@ -61,7 +62,7 @@ def raise_failures(plan: Plan, layout: Layout, instances: Sequence[Slave]) -> No
         text, code = "", status
         if status == NOT_A_NUMBER:
             name = layout.ports["Real"].outputs[detail][1].name
-            text, code = NAN.text(name) + _given(plan, layout, int(i)), 0
+            text, code = NAN.text(name) + _given(plan, layout, int(i), slave), 0
         elif status in (TOO_LONG, NOT_BASE64):
             wrong = "is longer than its declared capacity" if status == TOO_LONG else "is not base64 text"
             text, code = f"its packet output {wrong}", 0
@@ -79,7 +80,7 @@ def raise_failures(plan: Plan, layout: Layout, instances: Sequence[Slave]) -> No
             text = PENDING.text()
             slave.cancel_step()
         elif function == DO_STEP and status in _FAILED:
-            given = _given(plan, layout, int(i))
+            given = _given(plan, layout, int(i), slave)
             text = given and slave.status_word(status) + given
         failures[int(i)] = slave.failure(slave.function_name(FUNCTIONS[function]), code, text)
     others = list(failures.values())
@@ -109,11 +110,15 @@ def _beside(plan: Plan, instances: Sequence[Slave], i: int, others: Sequence[Fmu
     return discard_failure(plan, slave, i, last, f"it is not repeated, since {names} failed in the same step")
 
 
-def _given(plan: Plan, layout: Layout, i: int) -> str:
-    """Returns the inputs of an instance as set for its last step: ``; its inputs: u = 0.5, w = 2``."""
-    if plan.counters[K] < 0:  # during initialization, the loop sets no inputs
-        return ""
+def _given(plan: Plan, layout: Layout, i: int, slave: Slave) -> str:
+    """Returns the inputs of an instance as set for its last step: ``; its inputs: u = 0.5, w = 2``.
+
+    Unconnected inputs, which are not read from the FMU, follow those that are connected.
+    """
     shown = [one for kind in KINDS for one in _inputs(plan, layout, i, kind)]
+    if plan.counters[K] < 0 and shown:  # during initialization, the loop sets no inputs
+        return ""
+    shown += _unconnected(layout, i, slave)
     more = f" and {len(shown) - _MOST_INPUTS} more" if len(shown) > _MOST_INPUTS else ""
     return f"; its inputs: {', '.join(shown[:_MOST_INPUTS])}{more}" if shown else ""
 
@@ -124,4 +129,28 @@ def _inputs(plan: Plan, layout: Layout, i: int, kind: str) -> list[str]:
     begin = len(layout.ports["Integer"].inputs) if kind == "Boolean" else 0
     first, last = ports.first_in[i], ports.first_in[i + 1]
     given = values[begin + first : begin + last]
-    return [f"{variable.name} = {value:.9g}" for variable, value in zip(ports.inputs[first:last], given, strict=True)]
+    named = zip(_variables(layout, i, kind), given, strict=True)
+    return [f"{variable.name} = {value:.9g}" for variable, value in named]
+
+
+def _unconnected(layout: Layout, i: int, slave: Slave) -> list[str]:
+    """Returns the unconnected inputs of an instance that have a value: ``s = -1``."""
+    connected = {variable.name for kind in KINDS for variable in _variables(layout, i, kind)}
+    connected |= {name.partition("[")[0] for name in connected}  # an array of FMI 3 has its elements there
+    values = {**layout.instances[i].effective_values(), **slave.changed}
+    names = [
+        v.name for v in slave.fmu.variables.values() if v.causality == "input" and v.type in KINDS and not v.clocks
+    ]
+    return [f"{name} = {_shown(values[name])}" for name in names if name in values and name not in connected]
+
+
+def _variables(layout: Layout, i: int, kind: str) -> Sequence[Variable]:
+    ports = layout.ports[kind]
+    return ports.inputs[ports.first_in[i] : ports.first_in[i + 1]]
+
+
+def _shown(value: Start) -> str:
+    """Returns numbers as those of connected inputs are written, also of arrays."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{', '.join(map(_shown, value))}]"
+    return f"{value:.9g}" if isinstance(value, int | float) else str(value)

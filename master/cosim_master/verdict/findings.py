@@ -87,11 +87,11 @@ class Judgement:
         """True if there are neither failures nor warnings."""
         return all(finding.severity == "note" for finding in self.findings)
 
-    def as_json(self) -> dict[str, Any]:
-        """Returns the judgement for manifest.json, as described in docs/verdict.md."""
+    def as_json(self, *, failed: bool = False) -> dict[str, Any]:
+        """Returns the judgement for manifest.json (docs/verdict.md); a run that has failed is not good."""
         counts = Counter(finding.severity for finding in self.findings)
         return {
-            "good": self.good,
+            "good": self.good and not failed,
             "from": self.begin,
             "to": self.end,
             "failures": counts["failure"],

@@ -100,10 +100,23 @@ def _of_gateways(counts: Mapping[str, Mapping[str, int | str]], on_air: Sequence
 
     For wired gateways, a finding requires that none of them carried packets, since a program may use a single vehicle.
     """
-    silent = [name for name, crossed in counts.items() if not crossed.get("sent") and not crossed.get("received")]
+    silent = [name for name, crossed in counts.items() if _is_silent(crossed)]
     wired = [name for name in counts if name not in on_air]
     if not all(name in silent for name in wired):
         silent = [name for name in silent if name in on_air]
     for name in silent:
-        text = f"nothing has crossed {name} ({counts[name]['address']}): has a program connected to it?"
+        crossed, where = counts[name], f"{name} ({counts[name]['address']})"
+        text = f"nothing has crossed {where}: has a program connected to it?"
+        if crossed.get("sent"):
+            whole = f"{crossed['not taken']} of {_number(crossed, 'sent') + _number(crossed, 'not taken')} packets"
+            text = f"{whole} were refused at {where}, and none came from it: does a program listen there?"
         yield Finding("silent gateway", "warning", (name,), text)
+
+
+def _is_silent(crossed: Mapping[str, int | str]) -> bool:
+    """Returns whether nothing came from a gateway and nothing went to it; UDP tells a refusal at the next packet."""
+    return not crossed.get("received") and _number(crossed, "sent") <= 2 * _number(crossed, "not taken")
+
+
+def _number(crossed: Mapping[str, int | str], what: str) -> int:
+    return int(crossed.get(what, 0))

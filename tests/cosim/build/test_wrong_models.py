@@ -381,6 +381,7 @@ GOOD = {  # what Python allows: negative indices from the end, slices that are c
     22: ("m.v[:] = (1.0, 2.0, 3.0)\nm.v[1:] = m.v[:-1]", [1.0, 1.0, 2.0]),
     23: ("m.v[:] = m.w\nm.v[0] = m.counts[0]", [0.0, 0.5, 0.5]),
     24: ("for i in range(m.n):\n    for k in range(1000):\n        m.v[i] += 1.0", [1000.0, 1000.0, 1000.0]),
+    28: ("m.v = m.w\nm.v[0] = 7.0\nm.v[2] = m.w[0]", [7.0, 0.5, 0.5]),
 }
 
 

@@ -35,6 +35,7 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.reading.flight import read_flight
 from cosim_master.results.reading.read import signals
+from tests.master.cli.test_command_line import is_as_documented
 from tests.master.processes import children
 from tests.scenarios.flights import copy_of
 
@@ -331,6 +332,7 @@ def test_killed_three_times_and_interrupted_it_ends_with_the_same_dataset(fmus: 
     os.kill(workers_of(fourth.pid)[0], signal.SIGKILL)
     told = json.loads(fourth.communicate(timeout=LIMIT)[0])
     assert fourth.returncode == 0
+    assert is_as_documented("sweep", told)
     assert (told["before"], told["made"]) == (len(after_third), 24 - len(after_third))
 
     table = read_runs(out)
@@ -342,6 +344,22 @@ def test_killed_three_times_and_interrupted_it_ends_with_the_same_dataset(fmus: 
     assert digest_of(table) == digest_of(sorted_table(alone, schema_of(study)))
     kept = pq.read_table(out / "signals", partitioning="hive")
     assert sorted({*kept.column("run").to_pylist()}) == [*range(24)]
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.2])
+def test_interrupted_while_its_workers_start(fmus: Path, tmp_path: Path, moment: float) -> None:
+    """Ctrl-C reaches them, too, before they have read a line of this project."""
+    words = ["sweep", "line5", "--vary", "network.loss=0:0.5:9", "--until", "20", "--workers", "1", "-o", "out"]
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([COMMAND, *words, "--json"], cwd=tmp_path, start_new_session=True, **pipes) as process:
+        wait(lambda: bool(workers_of(process.pid)), process)
+        time.sleep(moment)
+        os.killpg(process.pid, signal.SIGINT)
+        written, errors = process.communicate(timeout=LIMIT)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    told = json.loads(written)
+    assert (told["interrupted"], told["complete"]) == (True, False)
 
 
 CRASHES = """

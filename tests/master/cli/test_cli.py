@@ -237,7 +237,7 @@ def test_a_failing_fmu_has_exit_code_1(run: Any, probes: Any) -> None:
     probes.fmu()
     code, stdout, stderr = run("run", str(probes.ssd(probes.component("a", mode=3, when=1.0))))
     assert code == 1
-    assert "error: a: fmi2DoStep failed at t = 1 s: fmi2Error" in stderr.splitlines()
+    assert "error: a: fmi2DoStep failed at t = 1 s: fmi2Error; its inputs: u = 0, n = 0, b = 0" in stderr.splitlines()
     assert "    it is over" in stderr
     assert stdout.startswith("failed: 1 s simulated in ")
 
@@ -501,7 +501,7 @@ def test_build(run: Any, tmp_path: Path) -> None:
     code, _, stderr = run("build", "Nonexistent", "-o", "fmus")
     assert code == 2 and "error: no model called Nonexistent: there are " in stderr
     code, _, stderr = run("build", "quadrotor", "-o", "fmus")
-    assert code == 2 and 'error: no model called quadrotor: did you mean "Quadrotor"?; or give a shipped' in stderr
+    assert code == 2 and 'error: no model called quadrotor: did you mean "Quadrotor"? Valid are also shipped' in stderr
     code, _, stderr = run("build", "nowhere.py", "-o", "fmus")
     assert code == 2 and "nowhere.py: no such file" in stderr
 

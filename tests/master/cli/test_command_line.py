@@ -91,6 +91,11 @@ def test_completion_in_bash() -> None:
     assert completed("uav-cosim run --check") == ["--checkpoint-every"]
 
 
+def is_as_documented(block: str, document: Any) -> bool:
+    """Whether a JSON document has the keys and the kinds of values of that in docs/command-line.md."""
+    return fits(shape(json.loads(DOCUMENTED[block])), shape(document))
+
+
 def shape(value: Any) -> Any:
     """The keys of a document, and the kinds of its values; what may be missing, or has keys of its own, is not told."""
     if isinstance(value, dict):
@@ -126,7 +131,7 @@ def call(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
         result = CliRunner().invoke(app, [*arguments, "--json"])
         assert result.exit_code == code, result.stderr
         document = json.loads(result.stdout)
-        assert fits(shape(json.loads(DOCUMENTED[block])), shape(document)), document
+        assert is_as_documented(block, document), document
         return document
 
     return made
@@ -172,6 +177,7 @@ def test_json_of_systems(call: Any, system: Path, probes: Any) -> None:
     probes.fmu("other.fmu", guid="other")
     assert call("swap", "swap", "s.ssd", "b", "other.fmu", "-o", "new.ssd") == {"files": ["new.ssd"], "notes": []}
     assert call("plot", "graph", "s.ssd") == {"files": ["test.svg"]}
+    assert call("pack", "pack", "s.ssd", "-o", "s.ssp")["members"][0] == "SystemStructure.ssd"
 
 
 def test_json_of_runs(call: Any, system: Path, tmp_path: Path) -> None:
@@ -230,6 +236,32 @@ def test_json_of_errors(call: Any, probes: Any) -> None:
     assert call("errors", "swap", "s.ssd", "a", "b.fmu", code=2) == {
         "errors": [{"file": None, "line": None, "message": both}]
     }
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["run", "line5", "--step", "0"], "--step 0: give a step size in s, a positive number"),
+        (
+            ["new", "line", "--drones", "5", "--spacing", "-10"],
+            "--spacing -10: give a distance in m, a positive number",
+        ),
+        (["run", "line5", "--until", "soon"], "Invalid value for '--until': "),  # the rest is that of Typer's version
+        (["check"], "Missing argument '"),
+    ],
+)
+def test_json_of_wrong_words(call: Any, words: list[str], message: str) -> None:
+    (error,) = call("errors", *words, code=2)["errors"]
+    assert error.pop("message").startswith(message)
+    assert error == {"file": None, "line": None}
+
+
+def test_a_run_that_failed_is_not_good(call: Any, probes: Any) -> None:
+    probes.fmu()
+    probes.ssd(probes.component("a", mode=3, when=1.0))
+    failed = call("run", "run", "s.ssd", code=1)
+    assert (failed["outcome"], failed["verdict"]["good"]) == ("failed", False)
+    assert call("info-run", "info", "out/s")["verdict"]["good"] is False
 
 
 def test_csv_on_standard_output(system: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

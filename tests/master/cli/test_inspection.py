@@ -32,6 +32,27 @@ def words(tables: Any) -> list[list[str]]:
     return [line.split() for line in shown(tables)]
 
 
+def test_no_name_is_cut_in_80_columns(fmus: Path) -> None:
+    console = Console(width=80, highlight=False, file=io.StringIO())
+    tables = [table for table in fmu_tables(fmus / "Quadrotor.fmu") if isinstance(table, Table)]
+    for table in tables:
+        console.print(table)
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert not [line for line in lines if "\u2026" in line or len(line) > 80]
+    names = {line.split()[0] for line in lines if line[:1].strip()}
+    assert {"angular_velocity[1]", "angular_velocity[3]", "rotor_direction[8]", "position_start[2]"} <= names
+
+
+def test_a_name_longer_than_the_screen_is_wrapped(workshop: Any, variable: Any) -> None:
+    name = "part." * 30 + "y"
+    console = Console(width=80, highlight=False, file=io.StringIO())
+    for table in fmu_tables(workshop.fmu("u.fmu", variable(name, "output"))):
+        console.print(table)
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "\u2026" not in shown
+    assert name in "".join(line.split(" ")[0] for line in shown.splitlines())
+
+
 def test_an_fmu(workshop: Any, variable: Any) -> None:
     packets = '<PacketPort variable="rx" mimeType="application/x-mavlink;version=2" maxSize="512"/>'
     path = workshop.fmu(

@@ -40,6 +40,7 @@ VERDICT = {
         {"kind": "open input", "severity": "note", "who": ["drone2.vehicle.wind"], "time": None, "text": "unheard"},
     ],
 }
+GOOD = {"good": True, "from": 2.0, "to": 10.0, "nearest": None, "findings": VERDICT["findings"][2:]}
 COLUMNS = ("sent", "arrival", "source", "target", "message", "system", "component", "sequence", "length", "outcome")
 
 
@@ -147,6 +148,7 @@ def test_for_people(tmp_path: Path) -> None:
     assert shown(overview_tables(overview(run))) == [
         "line: failed, 10 s simulated in 0.50 s (20.0 times real time), seed 7",
         "error: a: failed",
+        "  b",
         "failure at 25 s: drone3.agent: not armed",
         "warning: drone1.vehicle.wind: open",
         "nearest approach: 0.43 m, drone1.vehicle and drone2.vehicle at 31.5 s",
@@ -167,6 +169,20 @@ def test_for_people(tmp_path: Path) -> None:
         "time    double  s",
         "a.y     int32",
     ]
+
+
+def test_a_long_error_is_shortened(tmp_path: Path) -> None:
+    run = written(tmp_path / "run", PACKETS, verdict=GOOD, outcome="failed", error="\n".join("abcdef"))
+    lines = shown(overview_tables(overview(run)))
+    assert lines[1:6] == ["error: a", "b", "c", "d", "and 2 more lines (manifest.json has all)"]
+    assert not any(line.startswith("verdict") for line in lines)
+
+
+def test_a_good_run_says_so(tmp_path: Path) -> None:
+    run = written(tmp_path / "run", PACKETS, verdict=GOOD)
+    assert "verdict: no failures or warnings from 2 to 10 s; 1 note (manifest.json has them)" in shown(
+        overview_tables(overview(run))
+    )
 
 
 @pytest.mark.parametrize("drones", [5, 1000])

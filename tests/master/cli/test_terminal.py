@@ -7,7 +7,9 @@ import os
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ import pytest
 from cosim_master.cli.terminal import progress
 from cosim_master.cli.terminal.progress import Activity, compiling
 from tests.master.results.test_figures import consensus_run
-from tests.master.terminal import COMMAND, Terminal, forking_at_terminals
+from tests.master.terminal import COMMAND, PATIENCE, Terminal, forking_at_terminals
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 BAR = r"\d+\.\d/3\.0 s  \d+\.\d x real time  (\d+:\d\d|-:--) left  0 packets$"
@@ -228,6 +230,74 @@ def test_build(at_terminal: Callable[..., Terminal], tmp_path: Path, columns: in
     assert terminal.lines == ["fmus/TerminalBuilt.fmu: interpreted"]
 
 
+@pytest.mark.parametrize("kind", ["dumb", "no colour", "pipe"])
+def test_every_verb_without_a_terminal_that_can_draw(
+    at_terminal: Callable[..., Terminal], system: Path, probes: Any, fmus: Path, tmp_path: Path, kind: str
+) -> None:
+    probes.fmu("other.fmu", guid="other")
+    (tmp_path / "terminal_built.py").write_text(MODEL)
+    for name in ("one", "two"):
+        consensus_run(tmp_path / name, last_step=1)
+    said = {
+        ("check", "s.ssd"): "s.ssd: 2 instances, 1 connection, 0 radio nodes, 6 steps of 0.5 s: no problems",
+        ("plot", "one"): "one/altitude.svg",
+        ("swap", "s.ssd", "b", "other.fmu", "-o", "new.ssd"): "new.ssd: b is now other.fmu",
+        ("pack", "s.ssd", "-o", "s.ssp"): "uav-cosim run s.ssp",
+        ("compare", "one", "two"): "equal: ",
+        ("new", "line", "--drones", "3", "--fmus", str(fmus), "-o", "swarm"): "uav-cosim run swarm",
+        ("build", "terminal_built.py"): "fmus/TerminalBuilt.fmu: interpreted",
+        ("info", "s.ssd"): "connections",
+    }
+    environments = {"dumb": {"TERM": "dumb"}, "no colour": {"NO_COLOR": "1", "FORCE_COLOR": "1"}}
+    for words, last in said.items():
+        if kind == "pipe" and words[0] in ("plot", "compare", "info"):
+            continue  # each is a process of its own there
+        if kind == "pipe":
+            done = subprocess.run([COMMAND, *words], cwd=tmp_path, capture_output=True)
+            code, shown, written = done.returncode, done.stdout.decode(), done.stdout + done.stderr
+        else:
+            with at_terminal(*words, folder=tmp_path, environment=environments[kind], columns=200) as terminal:
+                code, shown, written = terminal.finish(), "\n".join(terminal.lines), terminal.bytes
+            assert not terminal.coloured and not terminal.cursor_hidden
+        assert code == 0, (words, written)
+        assert last in shown, (words, shown)
+        assert b"Traceback" not in written
+        if kind != "no colour":
+            assert b"\x1b" not in written, (words, written)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["plot", "run"], ["report", "run"], ["compare", "run", "run"], ["view", "run"], ["repair", "run"]],
+    ids=lambda words: words[0],
+)
+def test_ctrl_c_in_the_middle(at_terminal: Callable[..., Terminal], tmp_path: Path, words: list[str]) -> None:
+    """Of a file that has no end: nobody writes to it."""
+    consensus_run(tmp_path / "run", last_step=1)
+    endless = tmp_path / "run" / "manifest.json"
+    endless.unlink()
+    os.mkfifo(endless)
+    with at_terminal(*words, folder=tmp_path) as terminal:
+        writer = _opened_for_reading(endless)
+        terminal.press(b"\x03")
+        assert terminal.finish() == 130
+        os.close(writer)
+    assert terminal.lines[-1] == "error: interrupted"
+    assert b"Traceback" not in terminal.bytes
+    assert not terminal.cursor_hidden
+
+
+def _opened_for_reading(fifo: Path) -> int:
+    """A writer of a pipe with a name, as soon as it has a reader."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        try:
+            return os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError:
+            time.sleep(0.02)
+    raise TimeoutError(fifo)
+
+
 def test_ctrl_c_ends_a_build(at_terminal: Callable[..., Terminal], tmp_path: Path) -> None:
     """The processes that build end with the command; none of them says a word."""
     cold = {"XDG_CACHE_HOME": str(tmp_path / "cache")}  # kept object code would let it end too soon
@@ -250,6 +320,8 @@ class Said(Activity):
 
 
 def test_compiling_the_loop_is_said_and_loading_it_is_not() -> None:
+    import_module("cosim.lowering")  # it tells when numba compiles
+
     def function(module: str) -> Any:
         namespace: dict[str, Any] = {"__name__": module}
         exec("def step(x):\n    return x + 1\n", namespace)

@@ -208,7 +208,8 @@ def test_a_step_that_fails(probes: Any, tmp_path: Path, mode: int, word: str, en
     system = probes.ssd(probes.component("a", mode=mode, when=1.0) + probes.component("b", "other.fmu"))
     result = simulate(system, RunOptions(out=tmp_path / "out"))
     lines = str(result.error).splitlines()
-    assert lines[0] == f"a: fmi2DoStep failed at t = 1 s: {word}"
+    inputs = "" if mode == 2 else "; its inputs: u = 0, n = 0, b = 0"
+    assert lines[0] == f"a: fmi2DoStep failed at t = 1 s: {word}{inputs}"
     assert lines[1:] == ["    tired (39 times)", "    it is over"]
     assert probes.calls[-len(TAIL + ending) :] == TAIL + ending
     assert (result.outcome, result.simulated_s) == ("failed", 1.0)
@@ -247,6 +248,36 @@ def test_a_failure_tells_the_inputs(probes: Any, mode: int, when: float, told: s
     parts = probes.component("a", mode=mode, when=when) + probes.component("b", "other.fmu")
     message = failed(probes.ssd(parts, "b/y a/u", "b/m a/n", "b/c a/b"))
     assert message.splitlines()[0] == told
+
+
+@pytest.mark.parametrize(
+    ("mode", "when", "at", "told"),
+    [
+        (3, 1.0, 0.5, "a: fmi2DoStep failed at t = 1 s: fmi2Error; its inputs: u = -2.5, n = 3, b = 1"),
+        (3, 1.0, 1.5, "a: fmi2DoStep failed at t = 1 s: fmi2Error; its inputs: u = 1.5, n = 0, b = 1"),
+        (
+            5,
+            1.0,
+            0.5,
+            f"a: fmi2GetReal failed at t = 0.5 s: y is not a number; {NAN}; its inputs: u = -2.5, n = 3, b = 1",
+        ),
+        (5, 0.0, 0.5, f"a: fmi2GetReal failed at t = 0 s: y is not a number; {NAN}; its inputs: u = 1.5, n = 0, b = 1"),
+    ],
+)
+def test_a_failure_tells_unconnected_inputs(probes: Any, mode: int, when: float, at: float, told: str) -> None:
+    """As the system, a change during the run, or else the FMU has set them."""
+    probes.fmu()
+    system = probes.ssd(probes.component("a", mode=mode, when=when, u=1.5, b=True))
+    message = failed(system, at=[(at, "a.u", "-2.5"), (at, "a.n", "3")])
+    assert message.splitlines()[0] == told
+
+
+def test_a_failure_tells_connected_and_unconnected_inputs(probes: Any) -> None:
+    probes.fmu()
+    probes.fmu("other.fmu")
+    parts = probes.component("a", mode=3, when=1.0, n=7) + probes.component("b", "other.fmu")
+    message = failed(probes.ssd(parts, "b/y a/u"), at=[(0.5, "a.b", "true")])
+    assert message.splitlines()[0] == "a: fmi2DoStep failed at t = 1 s: fmi2Error; its inputs: u = 0.25, n = 7, b = 1"
 
 
 def test_a_warning_is_no_failure(probes: Any) -> None:

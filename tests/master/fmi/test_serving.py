@@ -43,6 +43,7 @@ from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from tests.master import processes
+from tests.master.cli.test_command_line import is_as_documented
 from tests.master.conftest import Workshop
 from tests.master.fmi.test_isolation import ABLE, FAULTS, LIMITS, PATIENT, Faulties, _folder, leftovers
 from tests.master.fmus.clocked import clocked
@@ -535,6 +536,7 @@ def test_the_commands(faulties: Faulties, tmp_path: Path, token: str | None, as_
         shown = token
         if as_json:
             document = json.loads("".join(iter(process.stdout.readline, "}\n")) + "}")
+            assert is_as_documented("serve", document)
             shown = document["token"]
             assert token is None or shown == token
         elif token is None:

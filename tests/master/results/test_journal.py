@@ -31,6 +31,7 @@ from cosim_master.results.storage.manifest_file import UNWRITTEN
 from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.observation import Seen, View
 from tests.master import processes
+from tests.master.cli.test_command_line import is_as_documented
 from tests.master.fmus.probe import slave
 
 ROOT = Path(__file__).parents[3]
@@ -126,6 +127,7 @@ def test_the_verbs_read_it(killed: Path) -> None:
     compared = json.loads(run("compare", str(killed), str(killed), "--json"))
     assert (compared["equal"], compared["times"]["common"]) == (True, 3)
     repaired = json.loads(run("repair", str(killed), "--json"))
+    assert is_as_documented("repair", repaired), repaired
     assert (repaired["outcome"], repaired["simulated_s"]) == ("killed", 1.0)
     assert "killed, 1 s simulated" in run("repair", str(killed))
 

@@ -57,7 +57,7 @@ def test_failures_come_through(stricts: Any) -> None:
     stricts.fmu()
     system = stricts.ssd(stricts.component("a", mode=5, when=1.0))
     result = simulate(system, RunOptions(profile=True))
-    assert str(result.error) == "a: fmi2DoStep failed at t = 1 s: fmi2Error"
+    assert str(result.error) == "a: fmi2DoStep failed at t = 1 s: fmi2Error; its inputs: u = 0, b = 0"
     assert result.profile is not None and result.profile.fmus[0].steps == 3
 
 

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +67,7 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Cluster]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.config.set({"distributed.admin.tick.limit": "60s", **_PATIENCE, **quiet}):
         if scheduler is None:
-            with _program_stays_here(), _local(workers or _cores()) as made, Client(made) as client:
+            with _program_stays_here(), _started(workers or _cores()) as made, Client(made) as client:
                 yield Cluster(client, made.dashboard_link or "")
             return
         where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
@@ -95,6 +97,21 @@ def _program_stays_here() -> Iterator[None]:
     finally:
         for name, value in held.items():
             setattr(program, name, value)
+
+
+def _started(workers: int) -> Any:
+    """Returns a cluster of this machine whose workers do not hear Ctrl-C, not even before they have read a line.
+
+    Threads and processes inherit the mask. Workers that are started later are started by these threads.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        return _local(workers)
+    resource_tracker.ensure_running()  # its start, in the thread that starts workers, would unblock signals there
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return _local(workers)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _local(workers: int) -> Any:

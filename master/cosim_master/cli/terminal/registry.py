@@ -15,6 +15,7 @@ from cosim_master.cli.terminal.console import (
     OutputFailed,
     begin_verb,
     end_verb,
+    print_json,
     report_error,
     set_verbosity,
     written,
@@ -28,6 +29,8 @@ F = TypeVar("F", bound=Callable[..., None])
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print data and errors only.", show_default=False)]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Show what FMUs log.", show_default=False)]
 
+_UsageError: Any = typer.BadParameter.__mro__[1]  # of click, or of the copy of it that newer versions of Typer have
+
 _ORDER = (
     *("run", "info", "view", "plot", "report", "compare", "export", "repair"),
     *("check", "explain", "graph", "new", "swap", "pack", "convert"),
@@ -36,9 +39,20 @@ _ORDER = (
 
 
 class _Verb(TyperCommand):
-    def make_context(self, *arguments: Any, **further: Any) -> Any:
+    def make_context(self, info_name: str | None, args: list[str], *arguments: Any, **further: Any) -> Any:
+        begin_verb()
+        as_json = "--json" in args and any("--json" in option.opts for option in self.params)
         with written():  # --help is printed while arguments are read
-            return super().make_context(*arguments, **further)
+            try:
+                return super().make_context(info_name, args, *arguments, **further)
+            except _UsageError as error:
+                if as_json:
+                    print_json({"errors": [{"file": None, "line": None, "message": error.format_message()}]})
+                raise
+            except typer.Exit:  # a value is wrong
+                if as_json:
+                    end_verb()
+                raise
 
 
 class _Verbs(TyperGroup):

@@ -121,8 +121,8 @@ def _chosen(models: list[str] | None) -> list[type[Model]]:
         if not found and "." not in name:
             names = [model.__name__ for model in known]
             close = similar(name, [*names, *shipped.names()])
-            hint = near(name, close) if close else f"there are {', '.join(names)}"
-            raise ValueError(f"no model called {name}: {hint}; or give a shipped system, a module or a .py file")
+            hint = near(name, close) if close else f"there are {', '.join(names)}."
+            raise ValueError(f"no model called {name}: {hint} Valid are also shipped systems, modules and .py files")
         chosen |= dict.fromkeys(found)
     return [*chosen]
 

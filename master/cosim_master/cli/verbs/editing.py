@@ -157,7 +157,7 @@ def _own_fmus() -> Path | None:
     return Path("fmus") if all(Path("fmus", file).is_file() for file in parts().values()) else None
 
 
-@verb("convert Multi-models/tanks/mm.json -o tanks", "convert tanks --for libcosim -o tanks-osp")
+@verb("convert mm.json -o tanks", "convert tanks --for libcosim -o tanks-osp")
 def convert(
     system: Annotated[
         str,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +14,9 @@ from cosim_master.cli.terminal.options import Json, System, Variant
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 from cosim_master.diagnostics.errors import counted
+
+if TYPE_CHECKING:
+    from cosim_master.system.flatten.flat import CheckedSystem
 
 
 @verb("pack line5 -o line5.ssp")
@@ -29,9 +34,26 @@ def pack(
 
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"packing {system}")
-        found = packed(system, out, variant=variant, overwrite=force)
+        found = packed(system, out, variant=variant, overwrite=force, settings=_settings())
     if as_json:
         print_json({"files": [str(found.path)], "members": list(found.members), "variants": list(found.variants)})
         return
     size = found.path.stat().st_size / 1e6
     say(f"{found.path}: {counted(len(found.members), 'file')}, {size:.1f} MB; {command('run', found.path)}")
+
+
+def _settings() -> tuple[Callable[[CheckedSystem], object], ...]:
+    """Returns what reads the settings that do not depend on the time of a run."""
+    from cosim_master.system.settings.master import master_settings_of
+    from cosim_master.system.settings.network import network_of
+    from cosim_master.system.settings.recording import recording_of
+    from cosim_master.verdict.monitors.declared import monitors_of
+    from cosim_master.verdict.watching.limits import limits_of
+
+    return (
+        partial(recording_of, record=()),
+        master_settings_of,
+        partial(network_of, seed=None),
+        limits_of,
+        partial(monitors_of, network=None, clock=None),
+    )

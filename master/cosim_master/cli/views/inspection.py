@@ -25,17 +25,22 @@ __all__ = ["fmu_document", "fmu_tables", "profile_tables", "system_document", "s
 
 _FEW = 30
 """Number of variables of an FMU that fit on a screen."""
+_NAME = 40
+"""Characters of a name that leave room for the other columns of 80."""
 
 
 def _table(*columns: str) -> Table:
+    """Returns a table that cuts no cell; what is in its first column stays in one line, unless it is very long."""
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in columns:
-        table.add_column(Text(column))
+    for n, column in enumerate(columns):
+        table.add_column(Text(column), overflow="fold", no_wrap=n == 0)
     return table
 
 
 def _row(table: Table, *cells: str) -> None:
     """Adds a row of plain text; brackets in names and descriptions are not interpreted as markup."""
+    if len(cells[0]) > _NAME:
+        table.columns[0].no_wrap = False
     table.add_row(*(Text(cell) for cell in cells))
 
 

@@ -22,7 +22,7 @@ from cosim_master.results.storage.manifest_file import UNWRITTEN
 
 __all__ = ["overview", "overview_tables", "signal_table"]
 
-_MESSAGES, _FINDINGS, _GATEWAYS, _NAMES = 6, 3, 2, 6
+_MESSAGES, _FINDINGS, _GATEWAYS, _NAMES, _ERROR = 6, 3, 2, 6, 4
 """Lines of each kind that fit on a screen of 24 lines with a prompt; names of a list that is not shortened."""
 
 
@@ -130,8 +130,11 @@ def overview_tables(run: Mapping[str, Any]) -> Iterator[Table | str]:
         f"({run['real_time_factor']:.1f} times real time), seed {run['seed']}"
     )
     if run["error"] is not None:
-        yield f"error: {run['error'].splitlines()[0]}"
-    yield from _verdict(run["verdict"])
+        lines = run["error"].splitlines()
+        yield "\n".join([f"error: {lines[0]}", *lines[1:_ERROR]])
+        if (more := len(lines) - _ERROR) > 0:
+            yield f"and {counted(more, 'more line')} (manifest.json has all)"
+    yield from _verdict(run["verdict"], failed=run["error"] is not None)
     yield f"instances: {run['instances']} of {len(run['fmus'])} FMUs ({_listed(run['fmus'])})"
     if run["nodes"]:
         radio = run["radio"]
@@ -159,7 +162,7 @@ def overview_tables(run: Mapping[str, Any]) -> Iterator[Table | str]:
     yield f"recorded: {counted(run['rows'], 'row')} of {signals} (--signals lists them)"
 
 
-def _verdict(verdict: Mapping[str, Any] | None) -> Iterator[str]:
+def _verdict(verdict: Mapping[str, Any] | None, *, failed: bool) -> Iterator[str]:
     if verdict is None:
         return
     findings = [finding for finding in verdict["findings"] if finding["severity"] != "note"]
@@ -168,6 +171,10 @@ def _verdict(verdict: Mapping[str, Any] | None) -> Iterator[str]:
         yield f"{finding['severity']}{time}: {finding['text']}"
     if (more := len(findings) - _FINDINGS) > 0:
         yield f"and {more} more failures and warnings (manifest.json has all)"
+    if not findings and not failed:
+        good = f"no failures or warnings from {verdict['from']:g} to {verdict['to']:g} s"
+        notes = len(verdict["findings"])
+        yield f"verdict: {good}" + (f"; {counted(notes, 'note')} (manifest.json has them)" if notes else "")
     if (nearest := verdict.get("nearest")) is not None:
         who = " and ".join(nearest["who"])
         yield f"nearest approach: {nearest['distance']:.2f} m, {who} at {nearest['time']:g} s"

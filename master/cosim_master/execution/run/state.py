@@ -75,6 +75,7 @@ class RunState:
         for change in changes:
             with failing(self.plan, self.slaves[change.instance]):
                 self.event_mode.change(change)
+            self.slaves[change.instance].changed[change.variable.name] = change.value
             changed = True
         return changed
 

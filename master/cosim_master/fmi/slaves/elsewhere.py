@@ -67,6 +67,7 @@ class Elsewhere:  # the arguments have the names of `Slave`
         self.fmi = int(fmu.fmi_version[0])
         self.library: Any = _NoLibrary(fmu)
         self.lines: deque[str] = deque()
+        self.changed: dict[str, Any] = {}
 
     def configure(self, variables: Sequence[Variable], values: Sequence[Any]) -> None: ...
     def setup_experiment(self, start: float, stop: float) -> None: ...

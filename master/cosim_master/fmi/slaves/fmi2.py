@@ -266,6 +266,7 @@ class Instance2:
         self.stepping = False
         self.canceled = False
         self.time: float | None = None
+        self.changed: dict[str, Any] = {}
         self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
         # ctypes objects that the FMU refers to must live as long as the instance.
         self._logger = _LOGGER(self._log)

@@ -85,6 +85,7 @@ class Instance3:
         self.alive = False
         self.stepping = False
         self.time: float | None = None
+        self.changed: dict[str, Any] = {}
         self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
         self._span = (0.0, 0.0)
         self.event_mode = self.fmu.capabilities.hasEventMode

@@ -35,6 +35,7 @@ class Slave(Protocol):
         fmi: major version.
         time: time of the next call, s; set it before calls that may fail, for their errors.
         lines: the last lines that the FMU has logged.
+        changed: values that the user has set during the run, by name; set it with them, for errors.
         event_mode: whether it has Event Mode (see `EventSlave`).
         next_event: end of the time that the loop may step it, s: its next event, or that of an instance stepping
             together with it.
@@ -51,6 +52,7 @@ class Slave(Protocol):
     handle: int
     time: float | None
     lines: deque[str]
+    changed: dict[str, Any]
     event_mode: bool
     next_event: float
     pending: int

@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -42,7 +42,14 @@ class Packed:
     variants: tuple[str, ...]
 
 
-def pack(system: str | Path, out: Path, *, variant: str | None = None, overwrite: bool = False) -> Packed:
+def pack(
+    system: str | Path,
+    out: Path,
+    *,
+    variant: str | None = None,
+    overwrite: bool = False,
+    settings: Sequence[Callable[[CheckedSystem], object]] = (),
+) -> Packed:
     """Writes a system as one self-contained .ssp.
 
     Args:
@@ -51,6 +58,7 @@ def pack(system: str | Path, out: Path, *, variant: str | None = None, overwrite
         out: the archive to write; its folder is created if necessary.
         variant: the only .ssd to be packed, as the archive's system.
         overwrite: whether `out` may exist.
+        settings: functions that read the system's settings, such as `network_of`: what they refuse is not packed.
 
     Raises:
         SystemDescriptionError: the system is invalid, it is a multi-model or an FMU, or `out` exists.
@@ -60,11 +68,12 @@ def pack(system: str | Path, out: Path, *, variant: str | None = None, overwrite
     _refuse(given, out, overwrite=overwrite)
     with read_system(system, variant) as structure:
         checked = check(structure)
+        _check_settings(checked, settings)
         whole = variant is None and given.suffix.lower() != ".ssd"
         variants = _variants(structure.document) if whole else []
         for one in variants:
             with read_system(system, one.name) as other:
-                check(other)
+                _check_settings(check(other), settings)
         packing = _Packing(structure.document, variants)
         _write(packing, checked, out)
         members = tuple(sorted(map(str, packing.files)))
@@ -84,6 +93,18 @@ def _refuse(given: Path, out: Path, *, overwrite: bool) -> None:
         problems.append(Problem(Where(str(out)), "exists; give another name, or --force to overwrite it"))
     elif out.exists() and given.exists() and out.samefile(given):
         problems.append(Problem(Where(str(out)), "is the system itself; give another name"))
+    if problems:
+        raise SystemDescriptionError(problems)
+
+
+def _check_settings(checked: CheckedSystem, settings: Sequence[Callable[[CheckedSystem], object]]) -> None:
+    """Raises SystemDescriptionError with all problems of the settings."""
+    problems: list[Problem] = []
+    for read in settings:
+        try:
+            read(checked)
+        except SystemDescriptionError as error:
+            problems += error.problems
     if problems:
         raise SystemDescriptionError(problems)
 

@@ -223,7 +223,8 @@ class Bindings:
                 refused.setdefault(trouble, []).append(name)
         for trouble, names in refused.items():
             some = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
-            text = f'"{pattern}" matches {len(found)} variables, and {len(names)} of them {trouble}: {some}'
+            each = trouble.replace("cannot be set: it is a", "cannot be set: each is a")
+            text = f'"{pattern}" matches {len(found)} variables, and {len(names)} of them {each}: {some}'
             self._problems.append(Problem(_OPTION, text))
         return [] if refused else [named[name] for name in found]
 

@@ -208,7 +208,7 @@ def test_after_fatal_no_instance_of_that_fmu_is_called(stricts: Any, tmp_path: P
     stricts.fmu("other.fmu")
     parts = stricts.component("a", mode=6, when=1.0) + stricts.component("b") + stricts.component("c", "other.fmu")
     message = failed(stricts, stricts.ssd(parts), out=tmp_path / "out")
-    assert message == "a: fmi2DoStep failed at t = 1 s: fmi2Fatal"
+    assert message == "a: fmi2DoStep failed at t = 1 s: fmi2Fatal; its inputs: u = 0, b = 0"
     calls = stricts.calls
     after = calls[calls.index("a: step 1 + 0.5") + 1 :]
     assert {call[0] for call in after} == {"c"}
@@ -254,7 +254,10 @@ def test_terminate_that_fails_after_a_failed_step(stricts: Any, tmp_path: Path) 
     stricts.fmu("other.fmu")
     parts = stricts.component("a", mode=5, when=1.0) + stricts.component("b", "other.fmu", mode=9)
     result = ran(stricts, stricts.ssd(parts), out=tmp_path / "out")
-    expected = ["a: fmi2DoStep failed at t = 1 s: fmi2Error", "b: fmi2Terminate failed at t = 1 s: fmi2Error"]
+    expected = [
+        "a: fmi2DoStep failed at t = 1 s: fmi2Error; its inputs: u = 0, b = 0",
+        "b: fmi2Terminate failed at t = 1 s: fmi2Error",
+    ]
     assert (result.outcome, str(result.error).splitlines()) == ("failed", expected)
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["error"].splitlines() == expected
@@ -286,7 +289,7 @@ def test_a_step_in_which_another_fmu_fails_is_not_repeated(stricts: Any, tmp_pat
     assert message.splitlines() == [
         f"b: fmi2DoStep failed at t = 1 s: fmi2Discard: it could not step from 1 s to 1.5 s{reached}; "
         "it is not repeated, since z failed in the same step",
-        f"z: fmi2DoStep failed at t = 1 s: {word}",
+        f"z: fmi2DoStep failed at t = 1 s: {word}; its inputs: u = 0, b = 0",
     ]
     assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0]
     assert [step for step in stricts.steps if step.startswith("b 1")] == ["b 1 + 0.5"]

@@ -117,6 +117,22 @@ def test_variants_come_along_and_parts_do_not_look_like_them(system: Path, works
     assert "wing.ssd" in refusal(system, tmp_path / "z.ssp")
 
 
+def test_settings_that_a_run_refuses_are_not_packed(workshop: Any, tmp_path: Path) -> None:
+    workshop.fmu("plant.fmu")
+    wrong = {"network": 'loss="7"', "verdict": 'contact="-1"'}
+    space = 'xmlns="https://uav-cosim.org/ns/1"'
+    each = "".join(
+        f'<ssc:Annotation type="org.uav-cosim.{kind}"><{kind} {space} {setting}/></ssc:Annotation>'
+        for kind, setting in wrong.items()
+    )
+    one, annotations = workshop.component("p", "plant.fmu"), f"<ssd:Annotations>{each}</ssd:Annotations>"
+    workshop.ssd("s.ssd", workshop.system(one, after=annotations))
+    done = CliRunner().invoke(app, ["pack", str(tmp_path / "s.ssd"), "-o", str(tmp_path / "s.ssp")])
+    assert done.exit_code == 2
+    assert 'loss="7" must be a number from 0 to 1' in done.stderr and 'contact="-1"' in done.stderr
+    assert not (tmp_path / "s.ssp").exists()
+
+
 def test_an_archive_inside_is_taken_as_it_is(system: Path, workshop: Any, tmp_path: Path) -> None:
     inner = pack(system, tmp_path / "inner.ssp").path
     outer = workshop.ssd("outer.ssd", workshop.system(workshop.component("all", "inner.ssp", type=SSP_TYPE)))

@@ -110,7 +110,7 @@ def test_the_later_one_wins(three: Any) -> None:
         (
             "d?.vehicle.*[2]",
             "1",
-            '--set: "d?.vehicle.*[2]" matches 6 variables, and 3 of them cannot be set: it is a continuous output '
+            '--set: "d?.vehicle.*[2]" matches 6 variables, and 3 of them cannot be set: each is a continuous output '
             '(initial="calculated"); only inputs and variables with a start value can be: '
             "d1.vehicle.position[2], d2.vehicle.position[2], d3.vehicle.position[2]",
         ),
