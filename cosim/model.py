@@ -20,7 +20,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache, wraps
+from itertools import dropwhile
 from keyword import iskeyword
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -513,11 +515,11 @@ class Model(Fmi2Slave):
 
     @contextmanager
     def _logged(self) -> Iterator[None]:
-        """Logs exceptions raised within to the FMI logger, with traceback, and passes them on to the caller."""
+        """Logs exceptions raised within to the FMI logger, with their place, and passes them on to the caller."""
         try:
             yield
-        except Exception:
-            self.log(f"{type(self).__name__}: {traceback.format_exc()}", Fmi2Status.error)
+        except Exception as error:
+            self.log(f"{type(self).__name__}: {_told(error)}", Fmi2Status.error)
             raise
 
     # ---- access by value reference ---------------------------------------------------------------------------------
@@ -635,3 +637,20 @@ def _fmi_attributes(variable: Variable) -> dict[str, Any]:
         return {"causality": Fmi2Causality.input, "variability": variability}
     causality = Fmi2Causality.local if variable.role == "state" else Fmi2Causality.output
     return {"causality": causality, "variability": variability, "initial": Fmi2Initial.calculated}
+
+
+def _told(error: Exception) -> str:
+    """Returns the text of an exception, with its file and line and the traceback from the author's code on.
+
+    Exceptions raised by this file, as for a code that a kernel returns, have neither.
+    """
+    whole = traceback.TracebackException.from_exception(error)
+    here = str(Path(__file__).parent)
+    frames = [*dropwhile(lambda frame: frame.filename.startswith(here), whole.stack)]
+    if not frames:
+        return str(error)
+    own = [frame for frame in frames if not frame.filename.startswith(here) and "site-packages" not in frame.filename]
+    text = "".join(whole.format_exception_only()).rstrip()
+    whole.stack = traceback.StackSummary.from_list(frames)
+    last = (own or frames)[-1]
+    return f"{Path(last.filename).name}:{last.lineno}: {text}\n{''.join(whole.format())}"

@@ -835,9 +835,9 @@ def test_faults_reach_the_logger(
 @pytest.mark.parametrize(
     ("fault", "line", "interpreted"),
     [
-        (1, "", 'RuntimeError: start: the plant is "broken" by 100 % of \\ faults (code 7)'),
-        (2, "", 'RuntimeError: advance: the plant is "broken" by 100 % of \\ faults (code 7)'),
-        (3, "", "RuntimeError: advance returned 99; it returns 0, or a key of errors (7)"),
+        (1, "", 'start: the plant is "broken" by 100 % of \\ faults (code 7)'),
+        (2, "", 'advance: the plant is "broken" by 100 % of \\ faults (code 7)'),
+        (3, "", "advance returned 99; it returns 0, or a key of errors (7)"),
         (4, 'raise ValueError("the kernel does not start")', "ValueError: the kernel does not start"),
         (5, 'raise ValueError("the kernel does not advance")', "ValueError: the kernel does not advance"),
     ],
@@ -850,9 +850,13 @@ def test_tracebacks_reach_the_logger(
     assert error.endswith("failed with status 4 (fatal).")
     status, message = log[0]
     assert status == 3
-    assert message.startswith("Plant: Traceback (most recent call last):")
-    assert message.rstrip().endswith(interpreted)
-    if line:
+    if not line:
+        assert message.rstrip() == f"Plant: {interpreted}"
+    else:
+        assert message.startswith(
+            f"Plant: sample_models.py:{line_of(line)}: {interpreted}\nTraceback (most recent call "
+        )
+        assert message.rstrip().endswith(interpreted)
         assert f'sample_models.py", line {line_of(line)}, in ' in message
 
 
