@@ -24,6 +24,7 @@ from cosim_master.cli import app
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.partitions.cut import read_assignment
 from cosim_master.execution.partitions.mpi import _SIZES, launched_by
+from tests.master.terminal import COMMAND
 from tests.scenarios.flights import SYSTEMS, fly
 from tests.scenarios.swarm import running as listening
 from tests.scenarios.test_pymavlink_flies import PACE, Client
@@ -346,6 +347,35 @@ def test_it_is_interrupted_before_it_runs(fmus: Path, tmp_path: Path) -> None:
         while Path(f"/proc/{children.split()[0]}").exists() and time.monotonic() < end:
             time.sleep(0.05)
         assert not Path(f"/proc/{children.split()[0]}").exists()  # nothing of the run is left
+    assert not (tmp_path / "out" / "manifest.json").exists()
+
+
+PRESSING = """
+import os, signal, sys, time
+
+def press(event, arguments):
+    global press
+    if event != "import" or arguments[0] != "cosim_master.execution.preparation.isolating" or press is None:
+        return
+    if os.environ.get("OMPI_COMM_WORLD_RANK") == "0":
+        press = None
+        launcher = int(open(f"/proc/{os.getppid()}/stat").read().rsplit(")", 1)[1].split()[1])
+        os.kill(launcher, signal.SIGINT)
+        time.sleep(2.0)  # the launcher passes it on, twice in a second
+
+sys.addaudithook(press)
+"""
+
+
+@pytest.mark.alone
+def test_it_is_interrupted_when_all_parts_are_there_and_none_has_told_of_itself(fmus: Path, tmp_path: Path) -> None:
+    """Part 0 tells the others, which wait for it: they do not miss it after a minute, and abort."""
+    (tmp_path / "sitecustomize.py").write_text(PRESSING)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    command = [COMMAND, "run", str(SYSTEMS / "line5"), "--partitions", "2", "-o", str(tmp_path / "out")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LIMIT)
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (130, "error: interrupted")
+    assert "MPI_ABORT" not in done.stdout + done.stderr
     assert not (tmp_path / "out" / "manifest.json").exists()
 
 

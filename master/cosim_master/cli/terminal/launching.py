@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cosim_master.execution.options import RunOptions
     from cosim_master.execution.partitions.transport import Transport
 
-__all__ = ["exit_code_told", "leave", "left", "part_of", "serve_part", "start_parts"]
+__all__ = ["exit_code_told", "hear_end", "leave", "left", "part_of", "serve_part", "start_parts"]
 
 _COMMAND = (sys.executable, "-c", "from cosim_master.cli import main; main()")
 _STATUS = "UAV_COSIM_EXIT_CODE"
@@ -34,6 +34,8 @@ _ASKED, _TAKEN = "asked", "taken"
 """Files beside that one: as many bytes as the user has asked for the end, and as part 0 has heard of it."""
 _AGAIN = 0.5
 """Seconds after which the launcher is told again: while it starts processes, it loses signals."""
+_early: list[int] = []
+"""Signals that part 0 has got before it could tell the others of its end."""
 _TURN = 10.0
 """Seconds that other parts leave to part 0 to tell an error that all have."""
 _RANKS = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK")
@@ -118,6 +120,14 @@ def _lengthen(file: Path, by: int = 1) -> None:
         opened.write(b"." * by)
 
 
+def hear_end(transport: Transport | None) -> None:
+    """Lets SIGUSR1 interrupt part 0, which can tell the others from now on; one that came earlier does so now."""
+    if transport is not None:
+        signal.signal(signal.SIGUSR1, _asked_to_end)
+        if _early:
+            _asked_to_end(_early.pop(), None)
+
+
 def _asked_to_end(_number: int, _frame: FrameType | None) -> None:
     """Takes SIGUSR1, in part 0, as one Ctrl-C for each time that the user has asked, however often it is sent."""
     if name := os.environ.get(_STATUS):
@@ -194,7 +204,7 @@ def part_of(
         raise usage(f"{text} MPI library; name that one by MPI4PY_LIBMPI (docs/distributed.md)")
     if transport.part == 0:
         out.quiet = err.quiet = False
-        signal.signal(signal.SIGUSR1, _asked_to_end)
+        signal.signal(signal.SIGUSR1, lambda number, _: _early.append(number))
     else:  # part 0 ends the run, also when the launcher sends a signal to all, and reports it
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
             signal.signal(number, signal.SIG_IGN)
@@ -233,7 +243,7 @@ def left(transport: Transport | None) -> Callable[..., bool]:
 
     def leave_after(_kind: object, error: BaseException | None, _trace: object) -> bool:
         if error is not None and transport is not None:
-            if not isinstance(error, CosimError):
+            if not isinstance(error, CosimError | KeyboardInterrupt):
                 transport.fail(f"it has failed: {type(error).__name__}: {error}")
             leave(transport, error)
         return False

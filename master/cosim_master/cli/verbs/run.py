@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import typer
 
 from cosim_master.cli.terminal.console import errors, note, notes, print_json, print_tables, report_error, say, usage
-from cosim_master.cli.terminal.launching import leave, left, part_of, serve_part
+from cosim_master.cli.terminal.launching import hear_end, leave, left, part_of, serve_part
 from cosim_master.cli.terminal.live import Live, Onlooker, served, shown_live
 from cosim_master.cli.terminal.options import (
     Json,
@@ -352,6 +352,7 @@ def run(
             others = opened.enter_context(served(foxglove, ros1, ros2, mailbox))
             sent = mailbox if entered else None
             opened.push(left(transport))
+            hear_end(transport)
             result = _simulate(system, options, doing, live, others, sent, transport)
             if live is not None:
                 live.end(result)
