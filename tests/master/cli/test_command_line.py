@@ -261,6 +261,7 @@ def test_a_run_that_failed_is_not_good(call: Any, probes: Any) -> None:
     probes.ssd(probes.component("a", mode=3, when=1.0))
     failed = call("run", "run", "s.ssd", code=1)
     assert (failed["outcome"], failed["verdict"]["good"]) == ("failed", False)
+    assert failed["verdict"]["failures"] == failed["verdict"]["warnings"] == 0
     assert call("info-run", "info", "out/s")["verdict"]["good"] is False
 
 

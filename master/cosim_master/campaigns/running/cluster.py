@@ -13,7 +13,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +105,8 @@ def _started(workers: int) -> Any:
     """
     if not hasattr(signal, "pthread_sigmask"):
         return _local(workers)
+    from multiprocessing import resource_tracker
+
     resource_tracker.ensure_running()  # its start, in the thread that starts workers, would unblock signals there
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -508,6 +508,6 @@ def _document(result: RunResult) -> dict[str, Any]:
         "overruns": asdict(result.overruns),
         "restarts": result.restarts,
         "notes": list(result.notes),
-        "verdict": None if result.verdict is None else result.verdict.as_json(failed=result.error is not None),
+        "verdict": None if result.verdict is None else result.verdict.as_json(failed=result.outcome == "failed"),
         "profile": None if result.profile is None else asdict(result.profile),
     }

@@ -134,7 +134,7 @@ def overview_tables(run: Mapping[str, Any]) -> Iterator[Table | str]:
         yield "\n".join([f"error: {lines[0]}", *lines[1:_ERROR]])
         if (more := len(lines) - _ERROR) > 0:
             yield f"and {counted(more, 'more line')} (manifest.json has all)"
-    yield from _verdict(run["verdict"], failed=run["error"] is not None)
+    yield from _verdict(run["verdict"], failed=run["outcome"] == "failed")
     yield f"instances: {run['instances']} of {len(run['fmus'])} FMUs ({_listed(run['fmus'])})"
     if run["nodes"]:
         radio = run["radio"]

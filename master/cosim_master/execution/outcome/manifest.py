@@ -80,7 +80,7 @@ def _result(result: RunResult) -> dict[str, Any]:
     return {
         "outcome": result.outcome,
         "error": None if result.error is None else str(result.error),
-        "verdict": None if result.verdict is None else result.verdict.as_json(failed=result.error is not None),
+        "verdict": None if result.verdict is None else result.verdict.as_json(failed=result.outcome == "failed"),
         "simulated_s": result.simulated_s,
         "wall_s": result.wall_s,
     }

@@ -175,7 +175,8 @@ def test_an_fmu_that_wants_to_end(stricts: Any, tmp_path: Path) -> None:
     assert (result.outcome, result.simulated_s) == ("terminated", 1.0)
     assert str(result.error) == "a: it requested the end of the run at t = 1.25 s (fmi2Terminated)"
     assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0]
-    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "terminated"
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert (manifest["outcome"], manifest["verdict"]["good"]) == ("terminated", True)
     assert stricts.calls[-4:] == [
         *("a: fmi2Terminate", "b: fmi2Terminate", "a: fmi2FreeInstance", "b: fmi2FreeInstance"),
     ]
