@@ -13,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from cosim.build import build, load_models
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
@@ -149,3 +150,42 @@ def test_changes_before_a_checkpoint_are_those_that_led_to_it(line5: Path, tmp_p
 def same(one: Path, other: Path) -> bool:
     """Whether the values are the same; how they are grouped depends on the checkpoints."""
     return all(pq.read_table(one / name).equals(pq.read_table(other / name)) for name in RECORDED[:2])
+
+
+FAILS = '''
+from cosim import Input, Model, Output, kernel
+
+
+@kernel
+def start(m):
+    return 0
+
+
+@kernel
+def advance(m, t, h):
+    m.y = m.s
+    return 7 if t > 3.4 else 0
+
+
+class Fails(Model):
+    """Fails at 3.5 s."""
+
+    step_size = 0.5
+    variables = (Input("s", start=1.0), Input("n", type=int), Input("b", type=bool), Input("w", start=4.0), Output("y"))
+    kernels = (start, advance)
+    errors = {7: "it is over"}
+'''
+
+
+def test_a_resumed_run_that_fails_tells_the_inputs_that_were_set_before(tmp_path: Path) -> None:
+    (tmp_path / "fails.py").write_text(FAILS)
+    (model,) = load_models(str(tmp_path / "fails.py"))
+    file = build(model, tmp_path).file
+    (tmp_path / "in.csv").write_text("time,w\n0,1\n1,1\n1,8\n4,8\n")
+    inputs: dict[str, Any] = {"inputs": tmp_path / "in.csv"}
+    at = [(0.5, "Fails.s", "-2.5"), (1.0, "Fails.n", "3"), (3.0, "Fails.b", "true")]
+    whole = simulate(file, RunOptions(out=tmp_path / "one", until=5.0, checkpoint_every=2.0, at=at, **inputs))
+    said = "Fails: fmi2DoStep failed at t = 3.5 s: fmi2Error; its inputs: s = -2.5, n = 3, b = 1, w = 8"
+    assert str(whole.error).splitlines()[0] == said
+    rest = RunOptions(out=tmp_path / "two", origin=f"{tmp_path / 'one'}@2", at=at[2:], **inputs)
+    assert str(simulate(file, rest).error) == str(whole.error)

@@ -150,7 +150,7 @@ static fmi3Status unreadable(Instance *s, const char *function, const Variable *
     EXPORT fmi3Status fmi3Get##Type(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3##Type value[], size_t n_values) { \
         GET_PROLOGUE("fmi3Get" #Type);                                                                                 \
         for (size_t i = 0; i < n; i++) {                                                                               \
-            VARIABLE("fmi3Get" #Type, v->kind == kind_ || (kind_ == REAL && v->kind == TIME));                      \
+            VARIABLE("fmi3Get" #Type, v->kind == kind_ || (kind_ == REAL && v->kind == TIME));                         \
             if (!readable(s, v)) return unreadable(s, "fmi3Get" #Type, v);                                             \
             if (v->count > n_values - at) return miscounted(s, "fmi3Get" #Type, n_values, at + v->count);              \
             const unsigned char *from = v->kind == TIME ? (const unsigned char *)&s->progress.time : s->record + v->offset; \

@@ -108,6 +108,8 @@ class Execution:
         """Sets the run to the state of a checkpoint."""
         refuse_checkpoints(self.state)
         restore(checkpoint, self.state)
+        for change in self.agenda.before(checkpoint.k):
+            self.slaves[change.instance].changed[change.variable.name] = change.value
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -104,6 +104,14 @@ class Stimuli:
                 found.append(Change(k, column.instance, column.variable, _plain(values[i])))
         return found
 
+    def before(self, k: int) -> list[Change]:
+        """Returns the last values that were set before base step `k`."""
+        found = []
+        for column, (steps, values) in zip(self._columns, self._sampled, strict=True):
+            if (i := int(np.searchsorted(steps, k))) > 0:
+                found.append(Change(int(steps[i - 1]), column.instance, column.variable, _plain(values[i - 1])))
+        return found
+
 
 class Agenda:
     """The values to be set during a run, in the order of time; stimuli come before changes of the same time.
@@ -128,6 +136,10 @@ class Agenda:
         """Returns the next base step at which a value is set; infinity if none exists."""
         change = self._changes[0].k if self._changes else math.inf
         return change if self._stimulus is None else min(change, self._stimulus)
+
+    def before(self, k: int) -> list[Change]:
+        """Returns the last values of the stimuli that were set before base step `k`."""
+        return [] if self._stimuli is None else self._stimuli.before(k)
 
     def request(self, change: Change, k: int, clock: TimeGrid) -> float | None:
         """Adds a change before the next step of its instance, after those of the same time.

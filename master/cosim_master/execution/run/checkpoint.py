@@ -15,7 +15,8 @@ import ctypes
 import json
 import shutil
 import zlib
-from collections.abc import Mapping, Sequence
+from ast import literal_eval
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ import numpy as np
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import CHECKPOINT
 from cosim_master.execution.run.state import RunState, changing
+from cosim_master.fmi.description.read import Start
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.network.radio.tables import ROLES as RADIO_ROLES
 from cosim_master.network.roles import STATE
@@ -204,6 +206,22 @@ def restore(checkpoint: Checkpoint, state: RunState) -> None:
             one.restore_state(fmu_state)
         finally:
             one.free_state(fmu_state)
+    for slave, variable, value in _changed(checkpoint, slaves):
+        slave.changed[variable] = value
     for i, name in state.texts.outputs:
         state.texts.outputs[i, name] = checkpoint.texts[f"{slaves[i].name}.{name}"]
     state.event_mode.events.from_json(checkpoint.events)
+
+
+def _changed(checkpoint: Checkpoint, slaves: Sequence[Slave]) -> Iterator[tuple[Slave, str, Start]]:
+    """Yields the changes that led to a checkpoint: instance, variable, and value."""
+    by_name = {slave.name: slave for slave in slaves}
+    for _, whole, text in checkpoint.changes:
+        levels = whole.split(".")
+        for n in range(1, len(levels)):
+            slave, name = by_name.get(".".join(levels[:n])), ".".join(levels[n:])
+            if slave is not None and name in slave.fmu.variables:
+                try:
+                    yield slave, name, literal_eval(text)
+                except (ValueError, SyntaxError):  # a String, inf or nan
+                    yield slave, name, text

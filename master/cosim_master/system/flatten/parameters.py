@@ -219,12 +219,11 @@ class Bindings:
         refused: dict[str, list[str]] = {}
         for name in found:
             target = named[name][1]
-            if isinstance(target, Variable) and (trouble := unsettable(target)) is not None:
+            if isinstance(target, Variable) and (trouble := unsettable(target, "each")) is not None:
                 refused.setdefault(trouble, []).append(name)
         for trouble, names in refused.items():
             some = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
-            each = trouble.replace("cannot be set: it is a", "cannot be set: each is a")
-            text = f'"{pattern}" matches {len(found)} variables, and {len(names)} of them {each}: {some}'
+            text = f'"{pattern}" matches {len(found)} variables, and {len(names)} of them {trouble}: {some}'
             self._problems.append(Problem(_OPTION, text))
         return [] if refused else [named[name] for name in found]
 

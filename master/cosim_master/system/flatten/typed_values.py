@@ -17,16 +17,16 @@ __all__ = ["converted", "kind_of", "of_type", "unsettable"]
 _FLOATS = ("Real", "Float32")
 
 
-def unsettable(variable: Variable) -> str | None:
-    """Returns the reason why a variable cannot be set; None if it can."""
+def unsettable(variable: Variable, subject: str = "it") -> str | None:
+    """Returns the reason why a variable, the `subject` of the sentence, cannot be set; None if it can."""
     if variable.settable:
         return None
     if variable.clock is not None:
-        what = f"it is a {variable.clock.kind} Clock"
+        what = f"{subject} is a {variable.clock.kind} Clock"
         return f"cannot be set: {what}; only the interval of fixed and tunable ones with an intervalDecimal can be"
     initial = f' (initial="{variable.initial}")' if variable.initial else ""
     what = f"{variable.variability} {variable.causality}{initial}"
-    return f"cannot be set: it is a {what}; only inputs and variables with a start value can be"
+    return f"cannot be set: {subject} is a {what}; only inputs and variables with a start value can be"
 
 
 def converted(
