@@ -185,6 +185,9 @@ def _model_structure(root: Element, flat: tuple[FlatVariable, ...]) -> None:
         return
     for tag, always in (("Outputs", []), ("InitialUnknowns", parameters)):
         group = SubElement(structure, tag)
+        known: dict[str, str] = {}  # of each variable; its elements depend on the same
         for index, one in outputs:
-            known = sorted({*always, *(i for name in one.variable.depends for i in indices[name])})
-            SubElement(group, "Unknown", index=str(index), dependencies=" ".join(map(str, known)))
+            if one.variable.name not in known:
+                all_of_them = sorted({*always, *(i for name in one.variable.depends for i in indices[name])})
+                known[one.variable.name] = " ".join(map(str, all_of_them))
+            SubElement(group, "Unknown", index=str(index), dependencies=known[one.variable.name])
