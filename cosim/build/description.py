@@ -185,9 +185,10 @@ def _model_structure(root: Element, flat: tuple[FlatVariable, ...]) -> None:
         return
     for tag, always in (("Outputs", []), ("InitialUnknowns", parameters)):
         group = SubElement(structure, tag)
-        known: dict[str, str] = {}  # of each variable; its elements depend on the same
+        dependencies: dict[str, str] = {}  # of the elements of each variable, which are the same
         for index, one in outputs:
-            if one.variable.name not in known:
-                all_of_them = sorted({*always, *(i for name in one.variable.depends for i in indices[name])})
-                known[one.variable.name] = " ".join(map(str, all_of_them))
-            SubElement(group, "Unknown", index=str(index), dependencies=known[one.variable.name])
+            variable = one.variable
+            if variable.name not in dependencies:
+                known = sorted({*always, *(i for name in variable.depends for i in indices[name])})
+                dependencies[variable.name] = " ".join(map(str, known))
+            SubElement(group, "Unknown", index=str(index), dependencies=dependencies[variable.name])

@@ -24,7 +24,7 @@ PACKAGE = Path(messages.__file__).parent
 DIALECT = generator.read_dialect()
 CHOSEN = [DIALECT[name] for name in generator.MESSAGES]
 # Kernels as plain Python, which take longer, are shown the first of them only, in a process of their own.
-EXAMPLES = 8 if PLAIN else 12
+EXAMPLES = 8 if PLAIN else 25
 # Values at which widths, signs and truncation change.
 EDGES = (0, 1, 2, 127, 128, 254, 255, 256, 32767, 32768, 65535, 65536, 2**31 - 1, 2**31, 2**32 - 1, 2**32, 2**63 - 1)
 

@@ -360,8 +360,7 @@ class Exchange:
             if end > begin:
                 self._place(given, int(packets["time"][begin]))
                 if self._carries:
-                    by: np.ndarray[Any, Any] = packets["endpoint"][begin:end]
-                    senders: np.ndarray[Any, Any] = state.radio.endpoints["node"][by]
+                    senders = state.radio.endpoints["node"][packets["endpoint"][begin:end]]
                     self._positions.reshape(-1, 3)[senders] = places[begin:end]
                 self._replay(packets, data, away, int(begin), int(end))
         self._heard = np.array(state.radio.endpoints["heard"])

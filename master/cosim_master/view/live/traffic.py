@@ -106,8 +106,7 @@ class LiveTraffic:
             cell = cell * self._width + events["target"]
         np.add.at(self._of_link, (cell, events["outcome"]), 1)
         arrived = events["outcome"] == BY_RADIO
-        took: Array = events["arrival"] - events["sent"]
-        np.add.at(self._delay, cell[arrived], took[arrived] / 1e9)
+        np.add.at(self._delay, cell[arrived], (events["arrival"] - events["sent"])[arrived] / 1e9)
         self._first = min(self._first, float(events["sent"].min()) / 1e9)
         self._last = max(self._last, float(events["sent"].max()) / 1e9)
 
