@@ -92,7 +92,7 @@ def run_once(
     folder: Path, scenario: str, seconds: float, step: float | None, threads: int | None, began: float
 ) -> dict[str, Any]:
     """What `uav-cosim run FOLDER -o OUT --record '*.vehicle.position*'` does; `began` is when it was started."""
-    gc.set_threshold(50_000, 20, 50)  # as the command does
+    gc.set_threshold(200_000, 20, 50)  # as the command does
     first: list[float] = []
     base_step = processor = 0.0
     recording = 0.0

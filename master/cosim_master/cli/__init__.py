@@ -44,7 +44,7 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):  # names that its encoding lacks are printed as Python escapes them
             with suppress(OSError):  # a terminal opened for reading, too
                 stream.reconfigure(errors="backslashreplace")
-    gc.set_threshold(50_000, 20, 50)
+    gc.set_threshold(200_000, 20, 50)
     atexit.register(gc.freeze)
     from cosim_master.cli.terminal.ctrl_c import ends_process
 
