@@ -6,6 +6,7 @@ import json
 from collections import ChainMap
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from itertools import chain
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -114,8 +115,16 @@ def _by_name(values: Mapping[str, Any]) -> dict[str, str]:
     return {name: f"{_json(name)}: {_json(value)}" for name, value in values.items()}
 
 
-_json = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
+_encode = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 """Returns a value as JSON in one line. One encoder for all, since each takes as long as a short value."""
+
+
+def _json(value: Any) -> str:
+    """Returns a value as JSON in one line; of a plain number, which most are, in a tenth of the encoder's time."""
+    kind = type(value)
+    if kind is int or (kind is float and isfinite(value)):
+        return repr(value)
+    return _encode(value)
 
 
 def _bytes(text: str) -> bytes:
