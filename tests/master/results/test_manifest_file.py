@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import json
 from collections import ChainMap
+from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cosim_master.results.storage.manifest_file import NAME, RunningManifest, write_manifest
 
@@ -51,6 +57,24 @@ def test_layers_that_instances_share_are_written_with_each(tmp_path: Path) -> No
     plain = {name: {"parameters": dict(one["parameters"])} for name, one in layered.items()}
     assert plain["drone0"]["parameters"] == {"mass": 1.5, "na\u00efve": "a\nb", "on": False, "own": 1e-5}
     assert (tmp_path / NAME).read_text(encoding="utf-8") == whole({"instances": plain}, 3) + "\n"
+
+
+@given(
+    st.lists(st.floats(allow_nan=False, allow_infinity=False) | st.integers() | st.booleans(), min_size=1),
+    st.sampled_from([dict, ChainMap]),
+)
+def test_numbers_are_written_as_by_python(numbers: list[float], kind: Callable[[dict[str, float]], Any]) -> None:
+    values = {f"v{i}": one for i, one in enumerate(numbers)}
+    with TemporaryDirectory() as folder:
+        write_manifest(Path(folder), {"a": {"b": {"c": kind(values)}}})
+        written = (Path(folder) / NAME).read_text(encoding="utf-8")
+    assert written == whole({"a": {"b": {"c": values}}}, 3) + "\n"
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), float("-inf")])
+def test_a_number_that_json_has_not_is_refused(tmp_path: Path, number: float) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_manifest(tmp_path, {"a": {"b": {"c": number}}})
 
 
 def test_values_are_updated_in_place(tmp_path: Path) -> None:
