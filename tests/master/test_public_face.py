@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import cosim_master
@@ -134,6 +135,12 @@ def test_packets_of_a_run(fmus: Path, tmp_path: Path) -> None:
     found = cosim_master.packets(tmp_path / "out")
     assert isinstance(found, pa.Table)
     assert {"sent", "source", "target", "outcome"} <= {*found.column_names}
-    (tmp_path / "out" / "packets.parquet").write_bytes(b"PAR1 cut short")
-    with pytest.raises(cosim_master.CosimError, match="not a complete Parquet file"):
+    file = tmp_path / "out" / "packets.parquet"
+    assert len(found) > 5
+    half = pa.array([b"drone\xe7"] * len(found)).view(pa.string())  # what one wrong bit makes of a name
+    pq.write_table(found.set_column(found.column_names.index("source"), "source", half), file)
+    with pytest.raises(cosim_master.SystemDescriptionError, match=r"packets.parquet: damaged since .* UTF8"):
+        cosim_master.packets(tmp_path / "out")
+    file.write_bytes(b"PAR1 cut short")
+    with pytest.raises(cosim_master.SystemDescriptionError, match="not a complete Parquet file"):
         cosim_master.packets(tmp_path / "out")

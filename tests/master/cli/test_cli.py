@@ -372,6 +372,29 @@ def test_info_of_an_fmu_a_system_and_a_run(run: Any, system: Path) -> None:
     assert code == 2 and "error: results: is not the complete result of a run: " in stderr
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("info", "results"),
+        ("plot", "results", "--signal", "a.y"),
+        ("view", "results"),
+        ("compare", "results", "results"),
+        ("export", "results", "-o", "x.csv"),
+        ("export", "results", "-o", "x.mat"),
+    ],
+)
+def test_signals_that_are_damaged_since_are_named(run: Any, system: Path, words: tuple[str, ...]) -> None:
+    assert run("run", str(system), "-o", "results")[0] == 0
+    file = Path("results/signals.parquet")
+    data = file.read_bytes()
+    columns = len(data) - 8 - int.from_bytes(data[-8:-4], "little")  # then the footer, its length and a mark
+    file.write_bytes(data[:4] + bytes(columns - 4) + data[columns:])
+    code, stdout, stderr = run(*words)
+    told = "results/signals.parquet: damaged since it was written; run the system again ("
+    assert (code, stdout) == (2, "") and told in stderr and stderr.count("\n") == 1
+    assert not Path(words[-1]).is_file()
+
+
 def test_tables_are_not_cut_where_the_output_is_no_terminal(run: Any, workshop: Any, variable: Any) -> None:
     name, text = "a" * 70, "what this is for, " * 10
     described = f'<ScalarVariable description="{text}end"'

@@ -238,6 +238,36 @@ def test_json_of_errors(call: Any, probes: Any) -> None:
     }
 
 
+def test_errors_of_a_model_have_their_places(call: Any, tmp_path: Path) -> None:
+    lines = [
+        "from cosim.kernel import kernel",
+        "from cosim.model import Input, Model, Output",
+        "@kernel",
+        "def start(m):",
+        "    return 0",
+        "@kernel",
+        "def advance(m, t, h):",
+        "    m.z = 1.0",
+        "    m.uu = 2.0",
+        "    return 0",
+        "class Gauge(Model):",
+        '    """A gauge."""',
+        "    step_size = 0.01",
+        '    variables = (Input("u", shape=3), Output("y", shape=3))',
+        "    kernels = start, advance",
+    ]
+    (tmp_path / "json_gauge.py").write_text("\n".join(lines) + "\n")
+    assert call("errors", "build", "json_gauge.py", code=2)["errors"] == [
+        {"file": "json_gauge.py", "line": 8, "message": 'Gauge: no variable "z" in Gauge; there are u, y'},
+        {"file": "json_gauge.py", "line": 9, "message": 'Gauge: no variable "uu" in Gauge; did you mean "u"?'},
+    ]
+    (tmp_path / "json_gauge.py").rename("text_gauge.py")
+    assert CliRunner().invoke(app, ["build", "text_gauge.py"]).stderr.splitlines() == [
+        'error: Gauge: text_gauge.py:8: no variable "z" in Gauge; there are u, y',
+        'error: Gauge: text_gauge.py:9: no variable "uu" in Gauge; did you mean "u"?',
+    ]
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

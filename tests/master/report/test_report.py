@@ -239,6 +239,19 @@ def test_a_damaged_manifest_is_refused(run: Path, tmp_path: Path, name: str, val
     assert not (tmp_path / "r.html").exists()
 
 
+def test_damaged_signals_are_refused(run: Path, tmp_path: Path) -> None:
+    shutil.copytree(run, tmp_path / "run")
+    file = tmp_path / "run" / "signals.parquet"
+    data = file.read_bytes()
+    columns = len(data) - 8 - int.from_bytes(data[-8:-4], "little")  # then the footer, its length and a mark
+    file.write_bytes(data[:4] + bytes(columns - 4) + data[columns:])
+    with pytest.raises(
+        SystemDescriptionError, match=re.escape(f"{file}: damaged since it was written; run the system")
+    ):
+        write_report([tmp_path / "run"], tmp_path / "r.html")
+    assert not (tmp_path / "r.html").exists()
+
+
 def test_folders_without_a_run_or_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(CosimError, match=r"not the folder of a run: it has no manifest\.json"):
         write_report([tmp_path])

@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import re
 import shlex
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -177,9 +178,32 @@ def print_tables(tables: Iterable[Table | str]) -> None:
 
 
 def report_error(text: str) -> None:
-    """Prints an error."""
-    _spoken.errors.append({"file": None, "line": None, "message": text})
-    err.print(Text.assemble(("error:", "bold red"), f" {text}"))
+    """Prints an error, or several, which begin with their places in sources of Python."""
+    for one in _separate(text):
+        _spoken.errors.append(_in_json(one))
+        err.print(Text.assemble(("error:", "bold red"), f" {one}"))
+
+
+_PLACE = re.compile(r"(?:(\w+: ))?((?:[A-Za-z]:)?[^:\n]+\.py):(\d+): (.+)", re.DOTALL)
+"""A place in a source of Python at the beginning of an error, maybe behind a name: "Gauge: gauge.py:14: ..."."""
+
+
+def _separate(text: str) -> list[str]:
+    """Returns the errors in a text: each begins with a place; lines without one belong to the error before."""
+    found: list[str] = []
+    for line in text.split("\n"):
+        if not found or _PLACE.fullmatch(line):
+            found.append(line)
+        else:
+            found[-1] += f"\n{line}"
+    return found
+
+
+def _in_json(text: str) -> dict[str, Any]:
+    if (placed := _PLACE.fullmatch(text)) is None:
+        return {"file": None, "line": None, "message": text}
+    name, file, line, message = placed.groups()
+    return {"file": file, "line": int(line), "message": f"{name or ''}{message}"}
 
 
 def usage(message: str) -> typer.Exit:

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.reading.recorded_signals import open_signals
+from cosim_master.results.reading.recorded_signals import DAMAGED, INCOMPLETE, open_signals, unbroken, with_texts
 from cosim_master.results.storage.journal import journal_of, read_journal
 
 __all__ = ["has_packets", "packets", "signals"]
@@ -30,10 +30,7 @@ def signals(run: Path | str, names: list[str] | None = None) -> pa.Table:
     with open_signals(Path(run)) as file:
         if names is not None and (lacking := sorted({*names} - {*file.schema_arrow.names})):
             raise CosimError(f"{run}: nothing was recorded of {', '.join(lacking[:5])}")
-        try:
-            return file.read(columns=names)
-        except (pa.ArrowException, OSError) as error:
-            raise CosimError(f"{run}: the signals are damaged: {error}") from None
+        return file.read(columns=names)
 
 
 def has_packets(run: Path) -> bool:
@@ -57,11 +54,8 @@ def packets(run: Path | str, names: list[str] | None = None) -> pa.Table:
     file = Path(run) / "packets.parquet"
     if not file.is_file():
         raise CosimError(f"{run}: no packets were recorded (there is no packets.parquet)")
-    try:
-        with pq.ParquetFile(file) as found:  # `read_table` would import pandas, where it is installed
-            table = found.read(columns=names)
+    with unbroken(file, INCOMPLETE):
+        found = pq.ParquetFile(file)
+    with found, unbroken(file, DAMAGED):
+        table = with_texts(found.read(columns=names))  # `read_table` would import pandas, where it is installed
         return table if names is None else table.select(names)
-    except (pa.ArrowException, OSError) as error:
-        raise CosimError(
-            f"{file}: not a complete Parquet file; the run that wrote it was cut short ({error})"
-        ) from None

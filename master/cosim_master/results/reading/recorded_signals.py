@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -14,17 +14,77 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 from cosim_master.results.storage.journal import journal_of, read_journal
 from cosim_master.results.storage.manifest_file import no_run
 
-__all__ = ["Signals", "open_signals"]
+__all__ = ["DAMAGED", "INCOMPLETE", "Signals", "open_signals", "unbroken", "with_texts"]
+
+_Table = TypeVar("_Table", pa.Table, pa.RecordBatch)
+
+INCOMPLETE = "not a complete Parquet file; the run that wrote it was cut short"
+DAMAGED = "damaged since it was written; run the system again"
+
+
+@contextmanager
+def unbroken(file: Path, otherwise: str) -> Iterator[None]:
+    """Raises `SystemDescriptionError` with the text `otherwise` where a Parquet file cannot be read."""
+    try:
+        yield
+    except (pa.ArrowException, OSError) as error:
+        told = " ".join(str(error).split())
+        raise SystemDescriptionError([Problem(Where(str(file)), f"{otherwise} ({told})")]) from error
+
+
+def with_texts(read: _Table) -> _Table:
+    """Returns a table or a batch whose texts are valid UTF-8, which pyarrow does not check as it reads them.
+
+    Raises:
+        pyarrow.ArrowInvalid: a text is not.
+    """
+    for column in read.columns:
+        if pa.types.is_string(column.type):
+            column.validate(full=True)
+    return read
 
 
 class Signals(AbstractContextManager["Signals"], Protocol):
-    """Recorded signals that are open: a `pyarrow.parquet.ParquetFile`, for example."""
+    """Recorded signals that are open. Its methods raise `SystemDescriptionError` where the recording is damaged."""
 
     @property
     def schema_arrow(self) -> pa.Schema: ...
     def read(self, columns: list[str] | None = None) -> pa.Table: ...
     def iter_batches(self, batch_size: int, columns: list[str] | None = None) -> Iterator[pa.RecordBatch]: ...
     def close(self) -> None: ...
+
+
+class _Complete:
+    """The signals in the file of a run that has ended."""
+
+    def __init__(self, file: Path) -> None:
+        self._path = file
+        with unbroken(file, INCOMPLETE):
+            self._file = pq.ParquetFile(file)
+            self.schema_arrow = self._file.schema_arrow
+
+    def read(self, columns: list[str] | None = None) -> pa.Table:
+        with unbroken(self._path, DAMAGED):
+            return with_texts(self._file.read(columns=columns))
+
+    def iter_batches(self, batch_size: int, columns: list[str] | None = None) -> Iterator[pa.RecordBatch]:
+        batches = self._file.iter_batches(batch_size=batch_size, columns=columns)
+        while True:
+            with unbroken(self._path, DAMAGED):
+                batch = next(batches, None)
+                if batch is None:
+                    return
+                checked = with_texts(batch)
+            yield checked
+
+    def close(self) -> None:
+        self._file.close()
+
+    def __enter__(self) -> _Complete:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 class _Unfinished:
@@ -61,11 +121,7 @@ def open_signals(run: Path) -> Signals:
     file = run / "signals.parquet"
     if not file.is_file():
         raise SystemDescriptionError([Problem(Where(str(run)), no_run(run, file.name))])
-    try:
-        signals: Signals = pq.ParquetFile(file)
-    except (pa.ArrowException, OSError) as error:
-        text = f"not a complete Parquet file; the run that wrote it was cut short ({error})"
-        raise SystemDescriptionError([Problem(Where(str(file)), text)]) from error
+    signals = _Complete(file)
     if "time" not in signals.schema_arrow.names:
         signals.close()
         text = "no column `time`; the signals of a run begin with one"
