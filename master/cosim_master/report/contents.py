@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim_master.diagnostics.errors import CosimError, counted
+from cosim_master.diagnostics.errors import CosimError, SystemDescriptionError, counted
 from cosim_master.results.reading.comparison import compare
 from cosim_master.results.reading.flight import Flight, read_flight
 from cosim_master.results.reading.links import Links, read_links
@@ -85,6 +85,8 @@ def read_run(folder: Path) -> Run:
     open_signals(folder).close()
     try:
         flight = read_flight(folder)
+    except SystemDescriptionError:  # the signals are damaged
+        raise
     except CosimError:
         flight = None  # a run without vehicles has a report all the same
     return Run(folder, manifest, flight, read_links(folder) if has_packets(folder) else None)

@@ -388,7 +388,7 @@ def test_signals_that_are_damaged_since_are_named(run: Any, system: Path, words:
     file = Path("results/signals.parquet")
     data = file.read_bytes()
     columns = len(data) - 8 - int.from_bytes(data[-8:-4], "little")  # then the footer, its length and a mark
-    file.write_bytes(data[:4] + bytes(columns - 4) + data[columns:])
+    file.write_bytes(data[:4] + b"\xff" * (columns - 4) + data[columns:])
     code, stdout, stderr = run(*words)
     told = "results/signals.parquet: damaged since it was written; run the system again ("
     assert (code, stdout) == (2, "") and told in stderr and stderr.count("\n") == 1

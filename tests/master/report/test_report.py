@@ -244,7 +244,7 @@ def test_damaged_signals_are_refused(run: Path, tmp_path: Path) -> None:
     file = tmp_path / "run" / "signals.parquet"
     data = file.read_bytes()
     columns = len(data) - 8 - int.from_bytes(data[-8:-4], "little")  # then the footer, its length and a mark
-    file.write_bytes(data[:4] + bytes(columns - 4) + data[columns:])
+    file.write_bytes(data[:4] + b"\xff" * (columns - 4) + data[columns:])
     with pytest.raises(
         SystemDescriptionError, match=re.escape(f"{file}: damaged since it was written; run the system")
     ):

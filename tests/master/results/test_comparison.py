@@ -203,6 +203,10 @@ def test_what_cannot_be_compared(record: Any, tmp_path: Path) -> None:
     assert "not the folder of a run" in refusal(one, tmp_path / "empty")
     assert "not the folder of a run" in refusal(one, tmp_path / "nowhere")
     (tmp_path / "odd.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut" / "signals.parquet").write_bytes(b"PAR1")
+    told = f"{tmp_path / 'cut' / 'signals.parquet'}: not a complete Parquet file; the run that wrote it was cut short ("
+    assert refusal(one, tmp_path / "cut").startswith(told)
     assert 'has no column "time"' in refusal(one, tmp_path / "odd.csv")
     (tmp_path / "broken.csv").write_text("time,b\n1,2,3\n")
     assert "not a CSV file of signals" in refusal(one, tmp_path / "broken.csv")

@@ -125,8 +125,10 @@ class _Recording:
                 schema = self._file.schema_arrow
         except pa.ArrowException as error:
             raise _refusal(path, f"not a CSV file of signals: {error}") from None
-        except CosimError as error:
-            raise SystemDescriptionError([Problem(Where(str(path)), str(error).removeprefix(f"{path}: "))]) from None
+        except SystemDescriptionError:
+            raise
+        except CosimError as error:  # of a journal
+            raise _refusal(path, str(error)) from None
         if "time" not in schema.names:
             raise _refusal(path, 'has no column "time", as results of FMPy and of this program begin with')
         if twice := [name for name, times in Counter(schema.names).items() if times > 1]:
