@@ -141,6 +141,9 @@ def test_packets_of_a_run(fmus: Path, tmp_path: Path) -> None:
     pq.write_table(found.set_column(found.column_names.index("source"), "source", half), file)
     with pytest.raises(cosim_master.SystemDescriptionError, match=r"packets.parquet: damaged since .* UTF8"):
         cosim_master.packets(tmp_path / "out")
+    pq.write_table(found.rename_columns(["sent", *found.column_names[1:-1], "outcxme"]), file)
+    with pytest.raises(cosim_master.SystemDescriptionError, match=r"packets.parquet: no column outcome; packets of a"):
+        cosim_master.packets(tmp_path / "out")
     file.write_bytes(b"PAR1 cut short")
     with pytest.raises(cosim_master.SystemDescriptionError, match="not a complete Parquet file"):
         cosim_master.packets(tmp_path / "out")

@@ -7,7 +7,7 @@
     system        systems of the conformance corpus, as `ssp_fuzz` mutates them
     dialect       MAVLink XML: the generated module must define functions and numbers only
     checkpoint    checkpoint.json, its arrays and its recording: `run --from` of the run of a shipped system
-    results       manifest.json, Parquet files, journals: `info`, `signals`, `packets`, `compare`, `repair`
+    results       manifest.json, Parquet files, journals: `signals`, `packets`, and what verbs read of them
     key           files with the key of a gateway
 
 Limits for each input: no exception but our own errors, no more than 10 s of processor time, no more than 1 GiB more
@@ -33,6 +33,7 @@ import time
 import traceback
 import zipfile
 from collections import Counter
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -48,11 +49,13 @@ from cosim_master.diagnostics.errors import CosimError
 from cosim_master.fmi.description.datasheet import datasheet, findings
 from cosim_master.fmi.description.read import describe, extract, platform
 from cosim_master.network.gateways.signing import read_key
+from cosim_master.report.contents import read_run
 from cosim_master.results.reading.comparison import compare
 from cosim_master.results.reading.read import packets, signals
 from cosim_master.results.repair import repair
 from cosim_master.results.storage.checkpoint_folder import sealed
 from cosim_master.results.storage.journal import Journal
+from cosim_master.view.replay import replay
 from tests.master.conftest import SUFFIX, Workshop
 from tests.master.fuzz import ssp_fuzz
 from tests.master.fuzz.multimodel_fuzz import _places, _value
@@ -251,7 +254,8 @@ def try_results(folder: Path, choose: random.Random) -> None:
     shutil.copytree(_killed() if choose.random() < 0.5 else _run(), run)
     shutil.rmtree(run / "checkpoints", ignore_errors=True)
     for _ in range(choose.choice((1, 1, 2))):
-        file = choose.choice([path for path in sorted(run.rglob("*")) if path.is_file() and path.stat().st_size])
+        tables = (*run.glob("*.parquet"), *run.glob("unfinished/*.arrows"))
+        file = choose.choice([path for path in sorted(tables) if path.stat().st_size] or [run / "manifest.json"])
         if file.name == "manifest.json" or choose.random() < 0.4:
             file = run / "manifest.json"
             file.write_bytes(mutated_json(json.loads((_run() / "manifest.json").read_text()), choose))
@@ -262,8 +266,16 @@ def try_results(folder: Path, choose: random.Random) -> None:
         document = overview(run)
         list(overview_tables(document)), list(signal_table(document))
 
-    readers = (lambda: signals(run), lambda: packets(run), shown, lambda: compare(run, _run()), lambda: repair(run))
-    for read in choose.sample(readers, 2):
+    readers: tuple[Callable[[], object], ...] = (
+        lambda: signals(run).to_pydict(),
+        lambda: packets(run).to_pydict(),
+        shown,
+        lambda: compare(run, _run()),
+        lambda: repair(run),
+        lambda: replay(run),
+        lambda: read_run(run),
+    )
+    for read in choose.sample(readers, 3):
         try:
             read()
         except CosimError:

@@ -227,13 +227,25 @@ def test_a_name_beside_a_long_text_is_not_broken() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value", "told"),
-    [("instances", None, "null, not an object"), ("notes", 3, "3, not an array"), ("fmus", [], "[], not an object")],
+    [
+        ("instances", None, "instances is null, not an object"),
+        ("instances", {"a": {"parameters": {"x": [1]}}}, "TypeError('a.x is [1], not a value')"),
+        ("instances", {"a": {"parameters": 3}}, "TypeError(\"'int' object is not iterable\")"),
+        ("notes", 3, "notes is 3, not an array"),
+        ("notes", ["text", True], "a note is true, not a text"),
+        ("fmus", [], "fmus is [], not an object"),
+        (
+            "fmus",
+            {"a": {"verdicts": {"y": {"is": "Rotors", "count": []}}}},
+            "TypeError('count is [], not a text or a number')",
+        ),
+    ],
 )
 def test_a_damaged_manifest_is_refused(run: Path, tmp_path: Path, name: str, value: Any, told: str) -> None:
     shutil.copytree(run, tmp_path / "run")
     file = tmp_path / "run" / "manifest.json"
     file.write_text(json.dumps({**json.loads(file.read_text()), name: value}))
-    message = re.escape(f"{file}: not the manifest of a complete run: {name} is {told}")
+    message = re.escape(f"{file}: not the manifest of a complete run: {told}")
     with pytest.raises(SystemDescriptionError, match=message):
         write_report([tmp_path / "run"], tmp_path / "r.html")
     assert not (tmp_path / "r.html").exists()

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -24,10 +25,11 @@ from cosim_master.cli.views.overview import overview
 from cosim_master.diagnostics.errors import CosimError, SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.reading.read import signals
+from cosim_master.results.reading.read import packets, signals
 from cosim_master.results.repair import repair
 from cosim_master.results.storage.journal import goes_on, groups_of, read_journal
 from cosim_master.results.storage.manifest_file import UNWRITTEN
+from cosim_master.results.storage.parquet import packets_schema
 from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.observation import Seen, View
 from tests.master import processes
@@ -230,6 +232,54 @@ def test_files_that_have_been_damaged_since_are_not_called_complete(
         (out / "signals.parquet").write_bytes(left)
     with pytest.raises(SystemDescriptionError, match=r"nothing is left to complete .*signals\.parquet"):
         repair(out)
+
+
+def journal_of_packets(folder: Path, names: list[str], outcome: pa.Array) -> Path:
+    """A journal of packets with these columns and these texts in the last one."""
+    columns = [pa.array([0] * len(outcome), field.type) for field in packets_schema() if field.type != pa.string()]
+    texts = iter([pa.array(["x"] * len(outcome))] * 2 + [outcome])
+    arrays = [next(texts) if field.type == pa.string() else columns.pop(0) for field in packets_schema()]
+    folder.mkdir(parents=True)
+    batch = pa.RecordBatch.from_arrays(arrays, names=names)
+    with pa.OSFile(str(folder / "packets.arrows"), "wb") as file, pa.ipc.new_stream(file, batch.schema) as stream:
+        stream.write(batch)
+    return folder / "packets.arrows"
+
+
+NAMES = packets_schema().names
+
+
+@pytest.mark.parametrize(
+    ("names", "offsets", "characters", "told"),
+    [
+        (NAMES, [0, 1 << 30, 9], b"delivered", "the rows of the journal are damaged: In column 9: "),  # read beyond it
+        (NAMES, [0, 9, 4], b"delivered", "the rows of the journal are damaged: In column 9: "),
+        (NAMES, [0, 4, 9], b"lost\xe7ived", "the rows of the journal are damaged: In column 9: Invalid: Invalid UTF8"),
+        (
+            [*NAMES[:-1], "outcxme"],
+            [0, 4, 9],
+            b"lost    d",
+            "the columns of the journal are damaged: there is no column",
+        ),
+    ],
+)
+def test_a_journal_that_is_damaged_is_refused(
+    tmp_path: Path, names: list[str], offsets: list[int], characters: bytes, told: str
+) -> None:
+    buffers = [None, pa.py_buffer(np.array(offsets, np.int32).tobytes()), pa.py_buffer(characters)]
+    file = journal_of_packets(tmp_path / "unfinished", names, pa.Array.from_buffers(pa.string(), 2, buffers))
+    for read in (lambda: read_journal(file), lambda: packets(tmp_path)):
+        with pytest.raises(SystemDescriptionError) as caught:
+            read()
+        assert str(caught.value).startswith(f"{file}: {told}")
+
+
+def test_the_columns_of_a_journal_have_places(killed: Path) -> None:
+    file = killed / "unfinished" / "signals.arrows"
+    assert read_journal(file).num_columns > 2
+    file.write_bytes(file.read_bytes().replace(b"[0, ", b"[   ", 1))
+    with pytest.raises(SystemDescriptionError, match=r"signals\.arrows: the columns of the journal are damaged: "):
+        read_journal(file)
 
 
 def test_a_repair_that_is_killed_is_repeated(killed: Path) -> None:

@@ -213,6 +213,14 @@ def verdicts_as_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, Any
     return found
 
 
+def _plain(told: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns a mapping to texts and numbers. Raises TypeError."""
+    for name, value in told.items():
+        if not isinstance(value, str | int | float):
+            raise TypeError(f"{name} is {value!r}, not a text or a number")
+    return told
+
+
 def verdicts_of_json(told: Mapping[str, Mapping[str, Any]]) -> dict[str, Verdict]:
     """Returns the verdicts written by `verdicts_as_json`, except conditions, reasons and bounds.
 
@@ -224,12 +232,12 @@ def verdicts_of_json(told: Mapping[str, Mapping[str, Any]]) -> dict[str, Verdict
         told_of = dict(one)
         what = told_of.pop("is")
         if what == "Formation":
-            neighbours = tuple(Neighbour(**neighbour) for neighbour in told_of.pop("neighbours"))
-            found[name] = Formation(neighbours=neighbours, **told_of)
+            neighbours = tuple(Neighbour(**_plain(neighbour)) for neighbour in told_of.pop("neighbours"))
+            found[name] = Formation(neighbours=neighbours, **_plain(told_of))
         elif what == "Rotors":
-            found[name] = Rotors(**told_of)
+            found[name] = Rotors(**_plain(told_of))
         elif what == "Logged":
-            found[name] = Logged(tuple(told_of["variables"].items()))
+            found[name] = Logged(tuple(_plain(told_of["variables"]).items()))
         elif what in _ROLES:
             found[name] = _ROLES[what]
     return found

@@ -27,7 +27,7 @@ def unbroken(file: Path, otherwise: str) -> Iterator[None]:
     """Raises `SystemDescriptionError` with the text `otherwise` where a Parquet file cannot be read."""
     try:
         yield
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         told = " ".join(str(error).split())
         raise SystemDescriptionError([Problem(Where(str(file)), f"{otherwise} ({told})")]) from error
 
@@ -62,6 +62,7 @@ class _Complete:
         with unbroken(file, INCOMPLETE):
             self._file = pq.ParquetFile(file)
             self.schema_arrow = self._file.schema_arrow
+            self.schema_arrow.names  # noqa: B018 (are decoded)
 
     def read(self, columns: list[str] | None = None) -> pa.Table:
         with unbroken(self._path, DAMAGED):

@@ -92,6 +92,9 @@ def read_manifest(run: Path) -> dict[str, Any]:
     for name, kind in _KINDS.items():
         if not isinstance(told.get(name, kind()), kind):
             raise _incomplete(file, f"{name} is {json.dumps(told[name])}, not {_IN_JSON[kind]}")
+    for note in told.get("notes", ()):
+        if not isinstance(note, str):
+            raise _incomplete(file, f"a note is {json.dumps(note)}, not a text")
     return told
 
 
@@ -109,6 +112,15 @@ def _incomplete(file: Path, what: str) -> SystemDescriptionError:
     return SystemDescriptionError([Problem(Where(str(file)), f"not the manifest of a complete run: {what}")])
 
 
+def _values(instance: str, parameters: Any) -> Mapping[str, Any]:
+    """Returns the parameters of an instance. Raises TypeError where one has no single value."""
+    values = dict(parameters)
+    for name, value in values.items():
+        if isinstance(value, dict | list) or value is None:
+            raise TypeError(f"{instance}.{name} is {json.dumps(value)}, not a value")
+    return values
+
+
 def players(run: Path, manifest: Mapping[str, Any]) -> Mapping[str, Player]:
     """Returns the instances of a manifest.
 
@@ -118,7 +130,7 @@ def players(run: Path, manifest: Mapping[str, Any]) -> Mapping[str, Player]:
     try:
         fmus = {path: verdicts_of_json(fmu.get("verdicts", {})) for path, fmu in manifest.get("fmus", {}).items()}
         return {
-            name: Player(one.get("parameters", {}), fmus.get(one.get("fmu"), {}))
+            name: Player(_values(name, one.get("parameters", {})), fmus.get(one.get("fmu"), {}))
             for name, one in manifest["instances"].items()
         }
     except (ValueError, KeyError, TypeError, AttributeError) as error:

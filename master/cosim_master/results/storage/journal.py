@@ -26,9 +26,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.results.storage.arrays import array_of, texts, values_of
 from cosim_master.results.storage.columns import Columns
+from cosim_master.results.storage.parquet import packets_schema
 from cosim_master.stepping.observation import Rows
 
 try:
@@ -146,37 +147,51 @@ def groups_of(file: Path) -> Iterator[pa.Table]:
             reader = pa.ipc.open_stream(source)
         except (pa.ArrowException, OSError):
             return  # even the columns are missing
-        columns = _columns(reader.schema)
+        columns = _columns(reader.schema, file)
         group: list[pa.RecordBatch] = []
-        for batch in _batches(reader):
+        for batch in _batches(reader, file):
             if batch.num_rows:
                 group.append(batch)
             elif group:
-                yield _table(group, columns)
+                yield _table(group, columns, file)
                 group = []
         if group:
-            yield _table(group, columns)
+            yield _table(group, columns, file)
 
 
-def _batches(reader: Any) -> Iterator[pa.RecordBatch]:
+def _damaged(file: Path, what: str, error: Exception) -> SystemDescriptionError:
+    return SystemDescriptionError([Problem(Where(str(file)), f"the {what} of the journal are damaged: {error}")])
+
+
+def _batches(reader: Any, file: Path) -> Iterator[pa.RecordBatch]:
     while True:
         try:
-            yield reader.read_next_batch()
+            batch = reader.read_next_batch()
         except (StopIteration, pa.ArrowException, OSError):  # the end, or the middle of the last batch
             return
+        try:
+            batch.validate(full=True)  # pyarrow reads beyond an array whose offsets are wrong
+        except pa.ArrowException as error:
+            raise _damaged(file, "rows", error) from None
+        yield batch
 
 
-def _columns(schema: pa.Schema) -> Columns | None:
+def _columns(schema: pa.Schema, file: Path) -> Columns | None:
     own = schema.metadata or {}
-    if _SCHEMA not in own:
-        return None
     try:
-        return Columns(pa.ipc.read_schema(pa.py_buffer(own[_SCHEMA])), tuple(json.loads(own[_PLACES])))
-    except (pa.ArrowException, ValueError, KeyError, TypeError) as error:
-        raise CosimError(f"the columns of the journal are damaged: {error}") from None
+        if _SCHEMA not in own:
+            if lacking := [name for name in packets_schema().names if name not in schema.names]:
+                raise ValueError(f"there is no column {lacking[0]}")
+            return None
+        found = Columns(pa.ipc.read_schema(pa.py_buffer(own[_SCHEMA])), tuple(json.loads(own[_PLACES])))
+        if found.schema.names[:1] != ["time"] or len(found.places) != len(found.schema.names) - 1:
+            raise ValueError(f"{len(found.places)} places of {len(found.schema.names)} columns")
+        return found
+    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
+        raise _damaged(file, "columns", error) from None
 
 
-def _table(batches: Sequence[pa.RecordBatch], columns: Columns | None) -> pa.Table:
+def _table(batches: Sequence[pa.RecordBatch], columns: Columns | None, file: Path) -> pa.Table:
     """Returns batches of packets unchanged, and batches of rows as columns."""
     table = pa.Table.from_batches(batches)
     if columns is None:
@@ -184,7 +199,7 @@ def _table(batches: Sequence[pa.RecordBatch], columns: Columns | None) -> pa.Tab
     try:
         return _as_columns(table, columns)
     except (pa.ArrowException, ValueError, KeyError, TypeError, IndexError) as error:
-        raise CosimError(f"the rows of the journal are damaged: {error}") from None
+        raise _damaged(file, "rows", error) from None
 
 
 def _as_columns(table: pa.Table, columns: Columns) -> pa.Table:
@@ -214,7 +229,7 @@ def schema_of(file: Path) -> pa.Schema:
             schema = pa.ipc.open_stream(source).schema
         except (pa.ArrowException, OSError):
             raise CosimError(f"{file}: nothing was recorded before the process was ended") from None
-    columns = _columns(schema)
+    columns = _columns(schema, file)
     return schema if columns is None else columns.schema
 
 
