@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,14 @@ INPUT = '<Related type="text/csv" source="in.csv" role="input"/>'
 
 def command(*words: str) -> Any:
     return CliRunner().invoke(app, _joined(list(words)))
+
+
+def test_an_archive_with_another_document_is_no_fmu(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "page.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", "<html/>")
+    done = command("info", str(tmp_path / "page.fmu"))
+    told = f"{tmp_path}/page.fmu/modelDescription.xml:1: the root element is <html>; it must be <fmiModelDescription>"
+    assert (done.exit_code, done.stdout, done.stderr) == (2, "", f"error: {told}\n")
 
 
 def test_any_fmu_is_shown(dynamics: Any) -> None:

@@ -13,7 +13,7 @@ from lxml import etree
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.files import archive
 from cosim_master.files.xml import line_of, parse
-from cosim_master.fmi.description.read import describe
+from cosim_master.fmi.description.read import describe, wrong_root
 
 __all__ = ["datasheet", "findings"]
 
@@ -64,7 +64,10 @@ def _root(path: Path, shown: str) -> etree._Element:
     data = archive.read_member(path, "modelDescription.xml", shown, limit=_LIMIT)
     if data is None:
         raise SystemDescriptionError([Problem(Where(shown), "is not an FMU: it has no modelDescription.xml")])
-    return parse(data, f"{shown}/modelDescription.xml")
+    root = parse(data, f"{shown}/modelDescription.xml")
+    if (wrong := wrong_root(root)) is not None:
+        raise SystemDescriptionError([Problem(Where(f"{shown}/modelDescription.xml", line_of(root)), wrong)])
+    return root
 
 
 def _variables(root: etree._Element) -> list[etree._Element]:

@@ -56,6 +56,7 @@ __all__ = [
     "mentions",
     "platform",
     "runner",
+    "wrong_root",
 ]
 
 _MAX_DESCRIPTION_BYTES = 128 << 20
@@ -144,6 +145,13 @@ def _described(path: Path, sizes: Mapping[str, int] | None, implementation: str,
         raise SystemDescriptionError(reading.problems)
     terminals = _terminals(Path(path), shown, reading) if reading.fmi == 3 else {}
     return reading.description(Path(path), cast(str, library), terminals)
+
+
+def wrong_root(root: etree._Element) -> str | None:
+    """Returns why an element cannot be the root of modelDescription.xml; None if it can."""
+    if root.tag == "fmiModelDescription":
+        return None
+    return f"the root element is <{root.tag}>; it must be <fmiModelDescription>"
 
 
 def mentions(path: Path, name: str) -> bool:
@@ -304,8 +312,8 @@ class _Reading:
     def _interface(self) -> None:
         root = self.root
         version = root.get("fmiVersion", "")
-        if root.tag != "fmiModelDescription":
-            self._problem(root, f"the root element is <{root.tag}>; it must be <fmiModelDescription>")
+        if (wrong := wrong_root(root)) is not None:
+            self._problem(root, wrong)
         elif version not in ("1.0", "2.0") and not re.fullmatch(r"3[.]0([.][0-9]+)?", version):
             self._problem(root, FMI_VERSION.text(version))
         elif version == "1.0":
