@@ -26,6 +26,7 @@ from traceback import extract_tb
 from types import ModuleType
 from typing import Any, TypedDict
 
+from cosim.build.description import complete
 from cosim.build.faults import doubts_of, place
 from cosim.build.interpreted import build_interpreted
 from cosim.build.native.compiled import HOST, TARGETS, CannotCompile, build_compiled
@@ -95,9 +96,11 @@ def _raise_with_line(error: BaseException, file: Path) -> None:
             raise ValueError(f"{place(str(file), error.lineno)}: {error.msg}") from error
         return
     lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == str(file)]
-    if not isinstance(error, Exception) or not lines or not lines[-1]:
+    if not isinstance(error, Exception | SystemExit) or not lines or not lines[-1]:
         return
     where = place(str(file), lines[-1])
+    if isinstance(error, SystemExit):
+        raise ValueError(f"{where}: it ends the program (sys.exit); a file of models only defines them") from error
     if isinstance(error, ImportError):
         raise type(error)(f"{where}: {error}", name=error.name, path=error.path) from error
     kind = "" if isinstance(error, ValueError | TypeError) else f"{type(error).__name__}: "
@@ -330,6 +333,7 @@ def _wanted(
         raise ValueError(f"{model.__name__}: interpreted FMUs are FMI 2 only (pythonfmu makes them); leave out one")
     if fmi == 3 and model.kernels is None:
         raise CannotCompile(f"{model.__name__} has no kernels, so it is interpreted, and that is FMI 2 only")
+    complete(model)
     file = folder / (f"{model.__name__}.fmi3.fmu" if fmi == 3 else f"{model.__name__}.fmu")
     sources = sources_of(model)
     compile_it = model.kernels is not None and not interpreted

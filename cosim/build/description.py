@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import math
+import re
+from collections.abc import Iterator
 from contextlib import suppress
 from enum import IntEnum
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
@@ -19,19 +22,47 @@ PACKET_TOOL = "uav-cosim"
 """Tool name of our vendor annotation for String variables that carry MAVLink packets."""
 
 
+def _other_types(model: type[Model]) -> Iterator[str]:
+    """Yields what a model declares as something else than it must be."""
+    step, variables = model.step_size, model.variables
+    if isinstance(step, bool) or not isinstance(step, int | float) or not math.isfinite(step):
+        yield f"step_size is {step!r}; give a number of seconds"
+    if not isinstance(variables, tuple):
+        yield f"variables is a {type(variables).__name__}; give a tuple: variables = (Input(...), Output(...))"
+        return
+    for one in variables:
+        for name in ("unit", "description"):
+            value = getattr(one, name)
+            if value is not None and not isinstance(value, str):
+                yield f"{name} of {one.name} is {value!r}; give a text"
+            elif value is not None and (wrong := _NOT_IN_XML.search(value)):
+                yield f"{name} of {one.name} has the character {wrong[0]!r}, which XML cannot contain"
+
+
+_NOT_IN_XML = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+
+
+def _place_of(model: type[Model]) -> str:
+    with suppress(OSError, TypeError):  # a class that no file defines has no line
+        return f"{place(inspect.getfile(model), inspect.getsourcelines(model)[1])}: "
+    return ""
+
+
 def complete(model: type[Model]) -> str:
     """Returns the first line of a model's docstring.
 
     Raises:
-        ValueError: the model lacks what every model declares.
+        ValueError: the model lacks what every model declares, or declares it as something else.
     """
+    if wrong := next(_other_types(model), None):
+        raise ValueError(f"{_place_of(model)}{model.__name__}: {wrong}")
     summary = next(iter((model.__doc__ or "").strip().splitlines()), "")
     needs = {"a docstring": summary, "a step_size > 0": model.step_size > 0.0, "variables": model.variables}
     if lacking := [what for what, has in needs.items() if not has]:
-        text = f"{model.__name__}: a model needs a docstring, a step_size > 0 and variables"
-        with suppress(OSError, TypeError):  # a class that no file defines has no line
-            text = f"{place(inspect.getfile(model), inspect.getsourcelines(model)[1])}: {text}"
+        text = f"{_place_of(model)}{model.__name__}: a model needs a docstring, a step_size > 0 and variables"
         raise ValueError(f"{text}; this one has no {' and no '.join(one.removeprefix('a ') for one in lacking)}")
+    if model.kernels is None and model.do_step is Model.do_step:
+        raise ValueError(f"{_place_of(model)}{model.__name__}: it has neither kernels nor a do_step")
     return summary
 
 

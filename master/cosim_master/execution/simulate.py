@@ -308,6 +308,8 @@ class _Run:
         found = manifest(ready, result, start_up, execution.parameters, fingerprint)
         given = {"variant": self.plan.options.variant, "solver": self.plan.options.solver}
         found |= {name: text for name, text in given.items() if text is not None}
+        if self.plan.checkpoint is not None:
+            found["checkpoint_time"] = self.plan.checkpoint.time
         return {**found, "parts": [dict(one) for one in self.parts]} if self.parts else found
 
     @property
@@ -387,6 +389,8 @@ class _Run:
     ) -> RunResult:
         """Returns the result with the verdict on the run, its notes and its profile."""
         ready = self.plan.ready
+        if not watch.every:  # there is nothing to watch: it was not told the time
+            watch.end = execution.time
         verdict = judgement(ready.verdict(), watch, ready.network, result.packets, result.gateways, monitoring, links)
         notes = (*result.notes, *execution.notes)
         result = replace(result, notes=notes, restarts=len(execution.restarts), verdict=verdict, folder=self.plan.out)

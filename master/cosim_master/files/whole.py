@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cosim_master.diagnostics.errors import WriteFailed
 
-__all__ = ["is_special", "replacing", "write_whole", "writing"]
+__all__ = ["is_special", "named", "replacing", "write_whole", "writing"]
 
 _OPEN = (Path("/dev/stdout"), Path("/dev/stderr"))
 
@@ -52,6 +52,11 @@ def write_whole(file: Path, data: bytes) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     with replacing(file) as part:
         part.write_bytes(data)
+
+
+def named(file: Path, suffix: str) -> Path:
+    """Returns the name of a file with another suffix; of a folder without a name ("." or ".."), a file in it."""
+    return file / f"NAME{suffix}" if file.name in ("", "..") else file.with_suffix(suffix)
 
 
 def is_special(file: Path) -> bool:

@@ -283,7 +283,8 @@ def repetition(run: Run) -> str:
     for name in ("variant", "solver"):
         if text := manifest.get(name):
             words += [f"--{name}", str(text)]
-    end = (manifest.get("start_time") or 0.0) + (manifest.get("simulated_s") or 0.0)
+    begin = manifest.get("checkpoint_time") or manifest.get("start_time") or 0.0
+    end = begin + (manifest.get("simulated_s") or 0.0)
     return shlex.join([*words, "--seed", str(manifest.get("seed", 1)), "--until", f"{end:.12g}"])
 
 

@@ -595,3 +595,63 @@ def test_a_float_that_a_bool_would_cut_off_is_doubted(tmp_path: Path) -> None:
     (model,) = load_models(str(tmp_path / "switching.py"))
     text = "m.on is a bool, so the fraction of 0.5 * m.u is cut off; declare a float, or write a comparison"
     assert build(model, tmp_path / "fmus").doubts == (f"{tmp_path / 'switching.py'}:12: {text}",)
+
+
+DECLARED = """\
+from cosim import Model, Output
+
+
+class Gauge(Model):
+    \"\"\"A gauge.\"\"\"
+
+    step_size = 0.1
+    variables = (Output("y", unit="m", description="height"),)
+
+    def do_step(self, t, h):
+        return True
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        ("0.1", "0.1,", "4: Gauge: step_size is (0.1,); give a number of seconds"),
+        ("0.1", '"0.1"', "4: Gauge: step_size is '0.1'; give a number of seconds"),
+        ("0.1", "None", "4: Gauge: step_size is None; give a number of seconds"),
+        ("0.1", "True", "4: Gauge: step_size is True; give a number of seconds"),
+        ("0.1", 'float("inf")', "4: Gauge: step_size is inf; give a number of seconds"),
+        (
+            '(Output("y", unit="m", description="height"),)',
+            '[Output("y")]',
+            "4: Gauge: variables is a list; give a tuple: ",
+        ),
+        ('unit="m"', "unit=1", "4: Gauge: unit of y is 1; give a text"),
+        ('"height"', "5", "4: Gauge: description of y is 5; give a text"),
+        ('"height"', r'"a\0b"', r"4: Gauge: description of y has the character '\x00', which XML cannot contain"),
+        ("    def do_step(self, t, h):\n        return True\n", "", "4: Gauge: it has neither kernels nor a do_step"),
+        (
+            "return True\n",
+            "return True\n\nraise SystemExit(0)\n",
+            "13: it ends the program (sys.exit); a file of models",
+        ),
+    ],
+)
+def test_what_is_declared_as_something_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, after: str, told: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert DECLARED.count(before) == 1
+    (tmp_path / "odd_gauge.py").write_text(DECLARED.replace(before, after))
+    try:
+        with pytest.raises(ValueError) as caught:
+            build(load_models("odd_gauge.py")[0], tmp_path)
+    finally:
+        sys.modules.pop("odd_gauge", None)
+    assert str(caught.value).startswith(f"odd_gauge.py:{told}")
+    assert not (tmp_path / "Gauge.fmu").exists()
+
+
+def test_what_is_declared_as_it_must_be(tmp_path: Path) -> None:
+    (tmp_path / "right_gauge.py").write_text(DECLARED)
+    (model,) = load_models(str(tmp_path / "right_gauge.py"))
+    assert build(model, tmp_path).file == tmp_path / "Gauge.fmu"

@@ -249,6 +249,20 @@ def test_an_fmu_that_does_not_start_has_exit_code_1(run: Any, probes: Any) -> No
     assert "error: a: fmi2Instantiate failed: it returned NULL\n    refused: 100% of\n    the reasons\n" in stderr
 
 
+def test_a_file_that_is_to_be_written_has_a_name(run: Any) -> None:
+    for words, named in (("view results", "NAME.html"), ("report results", "NAME.html"), ("dialect x.xml", "NAME.py")):
+        code, stdout, stderr = run(*words.split(), "-o", ".")
+        assert (
+            (code, stdout) == (2, "") and stderr.startswith("error: -o .: ") and stderr.endswith(f"; name it {named}\n")
+        )
+
+
+def test_a_system_without_anything_to_watch_is_judged_to_its_end(run: Any, system: Path) -> None:
+    assert run("run", str(system), "-o", "results")[0] == 0
+    verdict = json.loads(Path("results/manifest.json").read_text())["verdict"]
+    assert (verdict["from"], verdict["to"]) == (0.0, 2.0)
+
+
 def test_an_interrupted_run_has_exit_code_130(run: Any, probes: Any) -> None:
     probes.fmu()
     code, stdout, _ = run("run", str(probes.ssd(probes.component("a", mode=6, when=0.5), stop=1e6)), "--pace", "100")

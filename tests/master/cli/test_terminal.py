@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -285,6 +286,20 @@ def test_ctrl_c_in_the_middle(at_terminal: Callable[..., Terminal], tmp_path: Pa
     assert terminal.lines[-1] == "error: interrupted"
     assert b"Traceback" not in terminal.bytes
     assert not terminal.cursor_hidden
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_build_that_is_asked_to_end_leaves_no_process(tmp_path: Path, number: signal.Signals) -> None:
+    """Its processes hold the pipe, so that reading from it ends with the last of them."""
+    cold = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "COLUMNS": "200"}
+    words = [COMMAND, "build", "Hexarotor", "Quadrotor"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, cwd=tmp_path, env=cold, text=True) as building:
+        assert building.stderr is not None
+        assert building.stderr.readline() == "building Hexarotor, Quadrotor ...\n"
+        building.send_signal(number)
+        assert building.communicate(timeout=PATIENCE)[1] == "error: interrupted\n"
+    assert building.returncode == 130
+    assert not list((tmp_path / "fmus").glob("*"))
 
 
 def _opened_for_reading(fifo: Path) -> int:

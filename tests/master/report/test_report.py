@@ -108,6 +108,14 @@ def test_the_command_repeats_the_run(run: Path) -> None:
     ]
 
 
+def test_the_command_repeats_a_run_from_a_checkpoint(run: Path, tmp_path: Path) -> None:
+    """To the same end: 40 s were simulated from 20 s on."""
+    shutil.copytree(run, tmp_path / "run")
+    file = tmp_path / "run" / "manifest.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), "checkpoint_time": 20.0}))
+    assert repetition(read_run(tmp_path / "run")).endswith(" --seed 7 --until 60")
+
+
 def test_the_command_repeats_what_a_person_did(run: Path, tmp_path: Path) -> None:
     """Clicks, and with them the values set; an own step, patterns, a variant; programs cannot be repeated."""
     manifest = json.loads((run / "manifest.json").read_text())

@@ -17,7 +17,7 @@ from cosim_master.cli.terminal.options import Json
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 from cosim_master.diagnostics.names import near, similar
-from cosim_master.files.whole import is_special, write_whole, writing
+from cosim_master.files.whole import is_special, named, write_whole, writing
 from cosim_master.system import shipped
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ def dialect(
 
     with errors(as_json=as_json):
         if module.suffix != ".py" and not is_special(module):
-            raise usage(f"-o {module}: it is a Python module; name it {module.with_suffix('.py')}")
+            raise usage(f"-o {module}: it is a Python module; name it {named(module, '.py')}")
         try:
             messages = read_xml(xml)
         except ValueError as error:

@@ -16,7 +16,7 @@ from cosim_master.cli.terminal.console import announce, errors, note, notes, pri
 from cosim_master.cli.terminal.options import Json, Variant
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
-from cosim_master.files.whole import is_special
+from cosim_master.files.whole import is_special, named
 from cosim_master.results.export.formats import FORMATS
 
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run's results.")]
@@ -152,7 +152,7 @@ def view(
     """Show a run in a browser: one HTML page with its motion, packets, signals, messages and findings."""
     with errors(as_json=as_json), activity() as doing:
         if file is not None and not rerun and file.suffix.lower() not in (".html", ".htm") and not is_special(file):
-            raise usage(f"-o {file}: a view is an HTML page; name it {file.with_suffix('.html')}")
+            raise usage(f"-o {file}: a view is an HTML page; name it {named(file, '.html')}")
         doing.stage(f"reading {run}")
         if rerun:
             written = _write_rrd(run, file or run / "view.rrd")
@@ -210,7 +210,7 @@ def report(
     """Write a report on a run or a campaign, or a comparison of several runs: one HTML page with figures and tables."""
     with errors(as_json=as_json), activity() as doing:
         if file is not None and file.suffix.lower() not in (".html", ".htm"):
-            raise usage(f"-o {file}: a report is an HTML page; name it {file.with_suffix('.html')}")
+            raise usage(f"-o {file}: a report is an HTML page; name it {named(file, '.html')}")
         doing.stage(f"reading {', '.join(map(str, runs[:3]))}")
         from cosim_master.campaigns.dataset.folder import is_campaign
 
