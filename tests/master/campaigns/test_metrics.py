@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from cosim.verdict import Formation, Neighbour, Role
 from cosim_master.campaigns.metrics import built_in
 from cosim_master.campaigns.metrics.measured import Measured
 from cosim_master.campaigns.metrics.metric import Metric, MetricError
+from cosim_master.cli import app
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.outcome.result import Outcome, RunResult
 from cosim_master.results.reading.roles import Player
@@ -197,6 +199,21 @@ def test_energy_is_the_integral_of_voltage_times_current() -> None:
     measured = run(signals=signals, units=units)
     assert value("energy", measured) == pytest.approx(2.0 * (12.0 * 4.0 - 8.0) + 10.0 * 0.5 * 4.0)
     assert Metric.parsed("energy").signals({}, units) == [*signals][:4]
+
+
+def test_a_metric_that_has_no_value_is_told(fmus: Path, tmp_path: Path) -> None:
+    words = ["sweep", "line5", "--until", "0.1", "--workers", "1", "-o", str(tmp_path / "out")]
+    told = CliRunner().invoke(app, [*words, "--metric", "x=drone1.vehicle.position[1]", "--metric", "packets_lost"])
+    reason = '"drone1.vehicle.position[1]" is a signal over time; write last(...), max(...), mean(...), '
+    assert told.exit_code == 0
+    assert f"note: no run has a value of metric x; run 0: {reason}" in told.stderr
+    assert "metric packets_lost" not in told.stderr
+
+
+def test_a_function_names_its_signals(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text("def f(run):\n    return 1.0\n\n\nf.signals = 5\n")
+    with pytest.raises(SystemDescriptionError, match="signals of f is 5; give names of signals, or patterns"):
+        Metric.parsed(f"{tmp_path / 'own.py'}:f").signals({}, {"a.y": ""})
 
 
 def test_every_built_in_metric_is_documented() -> None:

@@ -257,6 +257,25 @@ def test_a_file_that_is_to_be_written_has_a_name(run: Any) -> None:
         )
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run {}",
+        "check {}",
+        "info {}",
+        "report {}",
+        "pack test.ssd -o {}.ssp",
+        "build {}.py",
+        "swap test.ssd a {}.fmu -o x",
+    ],
+)
+def test_a_name_that_is_too_long_for_a_file(run: Any, system: Path, words: str) -> None:
+    system.rename("test.ssd")
+    code, stdout, stderr = run(*words.format("n" * 300).split())
+    assert (code, stdout) == (2, "") and stderr.count("\n") == 1
+    assert stderr.startswith("error: ") and stderr.endswith("nnn...: this name is too long for a file\n")
+
+
 def test_a_system_without_anything_to_watch_is_judged_to_its_end(run: Any, system: Path) -> None:
     assert run("run", str(system), "-o", "results")[0] == 0
     verdict = json.loads(Path("results/manifest.json").read_text())["verdict"]

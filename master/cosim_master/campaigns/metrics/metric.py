@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -85,6 +85,8 @@ class Metric:
         """
         if self.source:
             told = getattr(self._function(), "signals", ("*",))
+            if not isinstance(told, str | Iterable):
+                raise self._refused(f"signals of {self.text} is {told!r}; give names of signals, or patterns")
             patterns = [told] if isinstance(told, str) else [*map(str, told)]
             for pattern in patterns:
                 if not matching(pattern, units):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import inspect
 from collections.abc import Callable
@@ -123,6 +124,12 @@ def verb(*examples: str) -> Callable[[F], F]:
                 except KeyboardInterrupt:
                     report_error("interrupted")
                     raise typer.Exit(130) from None
+                except OSError as error:
+                    if error.errno != errno.ENAMETOOLONG:
+                        raise
+                    longest = max(str(error.filename).split("/"), key=len)
+                    report_error(f"{longest[:40]}...: this name is too long for a file")
+                    raise typer.Exit(2) from None
                 finally:
                     if arguments.get("as_json"):
                         end_verb()

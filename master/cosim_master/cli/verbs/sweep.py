@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -232,8 +233,20 @@ def _report(campaign: Campaign) -> None:
     say(f"results: {campaign.folder}")
     if campaign.bad:
         report_error(_failed(campaign))
+    else:
+        for text in _without_values(campaign):
+            note(text)
     if campaign.interrupted:
         note(f"interrupted; `uav-cosim sweep {campaign.folder}` goes on")
+
+
+def _without_values(campaign: Campaign) -> Iterator[str]:
+    """Yields notes on metrics that have a value in none of the runs, which all ended well, with the first reason."""
+    table = campaign.table()
+    for name in table.column_names[table.column_names.index("simulated_s") + 1 :]:  # the metrics
+        if table.num_rows and table[name].null_count == table.num_rows:
+            run, reason = table["run"][0], table["reason"][0]
+            yield f"no run has a value of metric {name}; run {run}: {str(reason).removeprefix(f'metric {name}: ')}"
 
 
 def _failed(campaign: Campaign) -> str:

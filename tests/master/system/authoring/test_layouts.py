@@ -64,6 +64,7 @@ def test_poses_of_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("north,east,north\n0,0,5\n", 'poses.csv:1: column "north" is there twice'),
         ("", "poses.csv:1: its columns are none; they must be north and east (m), and may be down, name"),
         ("x,y\n1,2\n", "poses.csv:1: its columns are x, y; they must be"),
         ("north,east\n", "poses.csv: has no rows: give one for each drone"),

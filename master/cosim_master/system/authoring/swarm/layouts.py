@@ -115,6 +115,8 @@ def poses_of_file(file: Path) -> tuple[Pose, ...]:
             f"its columns are {', '.join(columns) or 'none'}; they must be north and east (m), and may be down, name"
         )
         raise SystemDescriptionError([Problem(Where(str(file), 1), message)])
+    if twice := [name for name in columns if columns.count(name) > 1]:
+        raise SystemDescriptionError([Problem(Where(str(file), 1), f'column "{twice[0]}" is there twice')])
     problems: list[Problem] = []
     poses: list[Pose] = []
     for row in reader:
