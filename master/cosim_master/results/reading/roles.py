@@ -113,10 +113,10 @@ def _incomplete(file: Path, what: str) -> SystemDescriptionError:
 
 
 def _values(instance: str, parameters: Any) -> Mapping[str, Any]:
-    """Returns the parameters of an instance. Raises TypeError where one has no single value."""
-    values = dict(parameters)
+    """Returns the parameters of an instance that have a value. Raises TypeError where one has several."""
+    values = {name: value for name, value in dict(parameters).items() if value is not None}
     for name, value in values.items():
-        if isinstance(value, dict | list) or value is None:
+        if isinstance(value, dict | list):
             raise TypeError(f"{instance}.{name} is {json.dumps(value)}, not a value")
     return values
 
