@@ -16,15 +16,7 @@ from cosim.build.verdicts import verdicts
 from cosim.model import FlatVariable, Model, Variable, flat_variables
 from cosim.verdict import ANNOTATION as VERDICT
 
-__all__ = [
-    "PACKET_TOOL",
-    "as_text",
-    "complete",
-    "model_description",
-    "refuse_without_step",
-    "type_definitions",
-    "unit_definitions",
-]
+__all__ = ["PACKET_TOOL", "as_text", "complete", "model_description", "type_definitions", "unit_definitions"]
 
 PACKET_TOOL = "uav-cosim"
 """Tool name of our vendor annotation for String variables that carry MAVLink packets."""
@@ -69,13 +61,9 @@ def complete(model: type[Model]) -> str:
     if lacking := [what for what, has in needs.items() if not has]:
         text = f"{_place_of(model)}{model.__name__}: a model needs a docstring, a step_size > 0 and variables"
         raise ValueError(f"{text}; this one has no {' and no '.join(one.removeprefix('a ') for one in lacking)}")
-    return summary
-
-
-def refuse_without_step(model: type[Model]) -> None:
-    """Raises ValueError if nothing computes the model's steps."""
     if model.kernels is None and model.do_step is Model.do_step:
         raise ValueError(f"{_place_of(model)}{model.__name__}: it has neither kernels nor a do_step")
+    return summary
 
 
 def model_description(model: type[Model], guid: str, *, compiled: bool) -> Element:

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from pythonfmu import FmuBuilder
 
-from cosim.build.description import as_text, model_description, refuse_without_step
+from cosim.build.description import as_text, model_description
 from cosim.build.sources import Sources
 from cosim.model import Model
 
@@ -89,7 +89,6 @@ def build_interpreted(model: type[Model], sources: Sources, stamp: Mapping[str, 
         script.write_text(_ENTRY.format(**named, plain=model.kernels is not None))
         description = folder / "description.xml"
         description.write_text(as_text(model_description(model, guid, compiled=False)), encoding="utf-8")
-        refuse_without_step(model)
         build = folder / "build.json"
         build.write_text(json.dumps(dict(stamp), indent=1, sort_keys=True))
         path, loaded = list(sys.path), set(sys.modules)

@@ -223,7 +223,7 @@ def test_structure_of_the_description(plant: Path) -> None:
         ({"__doc__": "A model.", "variables": (Input("u"),)}, "Odd: a model needs a docstring, a step_size > 0"),
         ({"__doc__": "A model.", "step_size": 1.0}, "Odd: a model needs .* variables"),
         (
-            {"__doc__": "A model.", "step_size": 1.0, "variables": (Output("y", unit="parsec"),)},
+            {"__doc__": "A model.", "step_size": 1.0, "variables": (Output("y", unit="parsec"),), "do_step": print},
             "^Odd: variable y: unit 'parsec': 'parsec' is not one of",
         ),
     ],

@@ -16,6 +16,8 @@ from lxml import etree
 from lxml import html as lxml_html
 
 from cosim_master.diagnostics.errors import CosimError, SystemDescriptionError
+from cosim_master.execution.options import RunOptions
+from cosim_master.execution.simulate import simulate
 from cosim_master.report import markup
 from cosim_master.report.contents import Table, differences, programs, read_run, repetition
 from cosim_master.report.page import write_report
@@ -108,12 +110,12 @@ def test_the_command_repeats_the_run(run: Path) -> None:
     ]
 
 
-def test_the_command_repeats_a_run_from_a_checkpoint(run: Path, tmp_path: Path) -> None:
-    """To the same end: 40 s were simulated from 20 s on."""
-    shutil.copytree(run, tmp_path / "run")
-    file = tmp_path / "run" / "manifest.json"
-    file.write_text(json.dumps({**json.loads(file.read_text()), "checkpoint_time": 20.0}))
-    assert repetition(read_run(tmp_path / "run")).endswith(" --seed 7 --until 60")
+def test_the_command_repeats_a_run_from_a_checkpoint(fmus: Path, tmp_path: Path) -> None:
+    """To the same end, not for as long as the run went on."""
+    simulate("line5", RunOptions(out=tmp_path / "begun", until=0.5, checkpoint_every=0.3))
+    went_on = simulate("line5", RunOptions(out=tmp_path / "run", origin=f"{tmp_path / 'begun'}@0.3"))
+    assert went_on.simulated_s == pytest.approx(0.2)
+    assert repetition(read_run(tmp_path / "run")).endswith(" --seed 1 --until 0.5")
 
 
 def test_the_command_repeats_what_a_person_did(run: Path, tmp_path: Path) -> None:

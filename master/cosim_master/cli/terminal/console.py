@@ -184,7 +184,7 @@ def report_error(text: str) -> None:
         err.print(Text.assemble(("error:", "bold red"), f" {one}"))
 
 
-_PLACE = re.compile(r"(?:(\w+: ))?((?:[A-Za-z]:)?[^:\n]+\.py):(\d+): (.+)", re.DOTALL)
+_PLACE = re.compile(r"(?:(\w+: ))?((?:[A-Za-z]:)?[^:\s][^:\n]*\.py):(\d+): (.+)", re.DOTALL)
 """A place in a source of Python at the beginning of an error, maybe behind a name: "Gauge: gauge.py:14: ..."."""
 
 

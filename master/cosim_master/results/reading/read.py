@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
-from cosim_master.results.reading.recorded_signals import DAMAGED, INCOMPLETE, open_signals, unbroken, with_texts
+from cosim_master.results.reading.recorded_signals import Recorded, open_signals
 from cosim_master.results.storage.journal import journal_of, read_journal
 from cosim_master.results.storage.parquet import packets_schema
 
@@ -55,13 +54,10 @@ def packets(run: Path | str, names: list[str] | None = None) -> pa.Table:
     file = Path(run) / "packets.parquet"
     if not file.is_file():
         raise CosimError(f"{run}: no packets were recorded (there is no packets.parquet)")
-    with unbroken(file, INCOMPLETE):
-        found = pq.ParquetFile(file)
+    with Recorded(file) as found:
         recorded = found.schema_arrow.names
-    if lacking := [name for name in packets_schema().names if name not in recorded]:
-        found.close()
-        text = f"no column {lacking[0]}; packets of a run have {', '.join(packets_schema().names)}"
-        raise SystemDescriptionError([Problem(Where(str(file)), text)])
-    with found, unbroken(file, DAMAGED):
-        table = with_texts(found.read(columns=names))  # `read_table` would import pandas, where it is installed
-        return table if names is None else table.select(names)
+        if lacking := [name for name in packets_schema().names if name not in recorded]:
+            text = f"no column {lacking[0]}; packets of a run have {', '.join(packets_schema().names)}"
+            raise SystemDescriptionError([Problem(Where(str(file)), text)])
+        table = found.read(columns=names)
+    return table if names is None else table.select(names)

@@ -14,34 +14,7 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 from cosim_master.results.storage.journal import journal_of, read_journal
 from cosim_master.results.storage.manifest_file import no_run
 
-__all__ = ["DAMAGED", "INCOMPLETE", "Signals", "open_signals", "unbroken", "with_texts"]
-
-_Table = TypeVar("_Table", pa.Table, pa.RecordBatch)
-
-INCOMPLETE = "not a complete Parquet file; the run that wrote it was cut short"
-DAMAGED = "damaged since it was written; run the system again"
-
-
-@contextmanager
-def unbroken(file: Path, otherwise: str) -> Iterator[None]:
-    """Raises `SystemDescriptionError` with the text `otherwise` where a Parquet file cannot be read."""
-    try:
-        yield
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        told = " ".join(str(error).split())
-        raise SystemDescriptionError([Problem(Where(str(file)), f"{otherwise} ({told})")]) from error
-
-
-def with_texts(read: _Table) -> _Table:
-    """Returns a table or a batch whose texts are valid UTF-8, which pyarrow does not check as it reads them.
-
-    Raises:
-        pyarrow.ArrowInvalid: a text is not.
-    """
-    for column in read.columns:
-        if pa.types.is_string(column.type):
-            column.validate(full=True)
-    return read
+__all__ = ["Recorded", "Signals", "open_signals"]
 
 
 class Signals(AbstractContextManager["Signals"], Protocol):
@@ -54,38 +27,65 @@ class Signals(AbstractContextManager["Signals"], Protocol):
     def close(self) -> None: ...
 
 
-class _Complete:
-    """The signals in the file of a run that has ended."""
+class Recorded:
+    """The signals or the packets of a run that has ended: a Parquet file, whose damage is told as such.
+
+    Raises:
+        SystemDescriptionError: the file cannot be read. All methods raise it, too.
+    """
 
     def __init__(self, file: Path) -> None:
         self._path = file
-        with unbroken(file, INCOMPLETE):
+        with self._read("not a complete Parquet file; the run that wrote it was cut short"):
             self._file = pq.ParquetFile(file)
             self.schema_arrow = self._file.schema_arrow
             self.schema_arrow.names  # noqa: B018 (are decoded)
 
     def read(self, columns: list[str] | None = None) -> pa.Table:
-        with unbroken(self._path, DAMAGED):
-            return with_texts(self._file.read(columns=columns))
+        with self._read():
+            return _with_valid_texts(self._file.read(columns=columns))
 
     def iter_batches(self, batch_size: int, columns: list[str] | None = None) -> Iterator[pa.RecordBatch]:
         batches = self._file.iter_batches(batch_size=batch_size, columns=columns)
         while True:
-            with unbroken(self._path, DAMAGED):
+            with self._read():
                 batch = next(batches, None)
                 if batch is None:
                     return
-                checked = with_texts(batch)
+                checked = _with_valid_texts(batch)
             yield checked
+
+    @contextmanager
+    def _read(self, otherwise: str = "damaged since it was written; run the system again") -> Iterator[None]:
+        try:
+            yield
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+            told = " ".join(str(error).split())
+            raise SystemDescriptionError([Problem(Where(str(self._path)), f"{otherwise} ({told})")]) from error
 
     def close(self) -> None:
         self._file.close()
 
-    def __enter__(self) -> _Complete:
+    def __enter__(self) -> Recorded:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+_Table = TypeVar("_Table", pa.Table, pa.RecordBatch)
+
+
+def _with_valid_texts(read: _Table) -> _Table:
+    """Returns a table or a batch whose texts are UTF-8, which pyarrow does not check as it reads them.
+
+    Raises:
+        pyarrow.ArrowInvalid: a text is not.
+    """
+    for column in read.columns:
+        if pa.types.is_string(column.type):
+            column.validate(full=True)
+    return read
 
 
 class _Unfinished:
@@ -122,7 +122,7 @@ def open_signals(run: Path) -> Signals:
     file = run / "signals.parquet"
     if not file.is_file():
         raise SystemDescriptionError([Problem(Where(str(run)), no_run(run, file.name))])
-    signals = _Complete(file)
+    signals = Recorded(file)
     if "time" not in signals.schema_arrow.names:
         signals.close()
         text = "no column `time`; the signals of a run begin with one"
