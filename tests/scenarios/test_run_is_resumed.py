@@ -120,9 +120,27 @@ def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> 
     assert "signals.parquet has other columns" in refused(record=("*.position*",))
     with pytest.raises(SystemDescriptionError, match=r"documents must be what they were$"):
         simulate(SYSTEMS / "line5", RunOptions(out=tmp_path / "on", origin=origin))
-    assert "not a multiple of the base step" in refused(checkpoint_every=0.0001)
+    assert "every 0.0001 s is not a multiple of the base step 0.0025 s; try 0.0025" in refused(checkpoint_every=0.0001)
+    assert "every 1.001 s is not a multiple of the base step 0.0025 s; try 1" in refused(checkpoint_every=1.001)
     (tmp_path / "run" / "checkpoints" / "1" / "state.npz").write_bytes(b"PK")
     assert "1 is damaged: state.npz has not the digest that checkpoint.json contains" in refused()
+
+
+def test_a_run_that_ends_before_its_first_checkpoint_says_so(line5: Path, tmp_path: Path) -> None:
+    def notes(until: float, every: float, **others: Any) -> list[str]:
+        out = tmp_path / f"{until} {every}"
+        result = simulate(line5, RunOptions(out=out, until=until, checkpoint_every=every, **others))
+        assert any("no checkpoint" in one for one in result.notes) != any(out.glob("checkpoints/*/checkpoint.json"))
+        return [one for one in map(str, result.notes) if "no checkpoint" in one]
+
+    text = "no checkpoint is written: the run ends at 1 s, and would have them every {} s before its end"
+    assert notes(1.0, 1.5) == [text.format("1.5")]
+    assert notes(1.0, 1.0) == [text.format("1")]
+    assert notes(1.0, 0.5) == []
+    origin = f"{tmp_path / '1.0 0.5'}@0.5"
+    assert notes(1.0, 0.4, origin=origin) == []  # at 0.8 s
+    assert notes(1.0, 0.6, origin=origin) == []  # at 0.6 s
+    assert notes(1.0, 2.0, origin=origin) == [text.format("2")]
 
 
 def test_changes_before_a_checkpoint_are_those_that_led_to_it(line5: Path, tmp_path: Path) -> None:

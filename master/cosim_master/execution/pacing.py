@@ -99,6 +99,8 @@ class Checkpoints:
         steps = every * 1e9 * clock.per_ns / clock.base
         if not 1 <= steps < 2**62 or not math.isclose(steps, round(steps), rel_tol=1e-9):
             text = f"every {every:g} s is not a multiple of the base step {clock.seconds(1):.9g} s"
+            if steps < 2**62:
+                text += f"; try {clock.seconds(max(1, round(steps))):.9g}"
             raise SystemDescriptionError([Problem(Where("checkpoints"), text)])
         self._every = round(steps)
 
@@ -106,6 +108,10 @@ class Checkpoints:
     def every(self) -> int:
         """The interval in base steps; 0: there are no checkpoints."""
         return self._every
+
+    def none_from(self, k: int) -> bool:
+        """Returns whether a run that begins at base step `k` and was to have checkpoints ends before the first."""
+        return bool(self._every) and (k // self._every + 1) * self._every >= self._last
 
     def before(self, k: int, chunk: int) -> int:
         """Returns the next base step to stop at: at most `chunk` after `k`, and not after the next checkpoint."""

@@ -100,6 +100,8 @@ def planned(
             raise SystemDescriptionError([Problem(Where(str(out)), text)])
         ready = replace(ready, changes=_later(ready, checkpoint))
         saving.changes = [*checkpoint.changes, *(told(ready.checked, change) for change in ready.changes)]
+    if saving.none_from(0 if checkpoint is None else checkpoint.k):
+        ready = _noting(ready, _NO_CHECKPOINT.format(ready.clock.time(ready.clock.steps), options.checkpoint_every))
     if replayed:
         mailbox = mailbox or Mailbox()
         mailbox.repeat(replayed)
@@ -128,6 +130,13 @@ def planned(
         federation=None if how is None else Federation(how, layout),
         packets=(out is not None and ready.recording.packets) or hears_packets(ready.monitors),
     )
+
+
+_NO_CHECKPOINT = "no checkpoint is written: the run ends at {:g} s, and would have them every {:g} s before its end"
+
+
+def _noting(ready: Prepared, text: str) -> Prepared:
+    return replace(ready, checked=replace(ready.checked, notes=(*ready.checked.notes, text)))
 
 
 def _later(ready: Prepared, checkpoint: Checkpoint) -> tuple[Change, ...]:

@@ -70,6 +70,7 @@ def test_the_report_of_a_search_names_its_best_points(tmp_path: Path) -> None:
     assert again == [run for batch in batches(STUDY, SEARCH, valley) for run in batch]
     text = write_campaign_report(tmp_path).read_text(encoding="utf-8")
     assert "120 of 120 runs" in text and "<h2>Best points</h2>" in text
+    assert "search for the least y, 60 points" in text and ">grid<" not in text
     best = min((run for run in again if valley(run) is not None), key=lambda run: valley(run) or 0.0)
     assert f"--set f.a={best.values['f.a']} --set f.b=y --seed 1" in text
 

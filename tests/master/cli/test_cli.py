@@ -16,6 +16,8 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim.build import models_of_package
+from cosim_master.campaigns.dataset.folder import Folder
+from cosim_master.campaigns.study.study import Study
 from cosim_master.cli import app, err, out
 from cosim_master.cli.terminal import progress
 from tests.master.fmus.probe import model
@@ -178,13 +180,51 @@ def test_bad_usage_has_exit_code_2(
         (("check", "probe.fmu", "--tolerance", "0.1"), "error: --tolerance belongs to --reference, which is not given"),
         (("check", "probe.fmu", "--reference", "r.csv", "--tolerance", "-1"), "Invalid value for '--tolerance'"),
         (("report", "results", "-o", "a/r.txt"), "error: -o a/r.txt: a report is an HTML page; name it a/r.html"),
+        (
+            ("sweep", "line5", "--vary", "a.p=1,2", "--trials", "5"),
+            "error: --trials belongs to --optimise, which is not",
+        ),
+        (("new", "line", "--drones", "5", "--seed", "2", "-o", "x"), "error: --seed belongs to --layout random, which"),
+        (
+            ("new", "line", "--layout", "ring", "--drones", "5", "--seed", "2", "-o", "x"),
+            "error: --seed belongs to --l",
+        ),
+        (("new", "line5", "--layout", "s.ssd", "--spacing", "5", "-o", "x"), "error: --spacing: s.ssd has the positio"),
+        (("export", "results", "-o", "x.csv", "--origin", "1,2,3"), "error: export: --origin belongs to --mcap, --fox"),
+        (
+            ("export", "results", "--kml", "x.kml", "--numbers"),
+            "error: export: --numbers belongs to --csv; none of the",
+        ),
     ],
 )
-def test_options_that_do_not_fit(run: Any, words: tuple[str, ...], message: str) -> None:
+def test_options_that_do_not_fit(run: Any, system: Path, tmp_path: Path, words: tuple[str, ...], message: str) -> None:
+    assert system == tmp_path / "s.ssd"
+    before = {*tmp_path.iterdir()}
     code, stdout, stderr = run(*words)
     assert code == 2
     assert message in stderr
     assert stdout == ""
+    assert {*tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "--until 5",
+        "--step 0.1",
+        "--solver euler",
+        "--variant v",
+        "--trials 5",
+        "--seeds 3",
+        "--sample lhs:3",
+        "--set a=1",
+    ],
+)
+def test_a_campaign_goes_on_without_options_of_its_study(run: Any, tmp_path: Path, words: str) -> None:
+    with Folder(tmp_path / "study", Study(system="line5"), {}):
+        pass
+    text = "error: study holds a campaign, which goes on as it began; leave out all options of the study\n"
+    assert run("sweep", "study", *words.split()) == (2, "", text)
 
 
 @pytest.mark.parametrize("command", ["run", "check", "info"])
@@ -210,8 +250,8 @@ def test_a_missing_run(run: Any, words: tuple[str, ...]) -> None:
     ("words", "message"),
     [
         (("export", "-o", "x.xyz"), "x.xyz: the end of the name must be one of .csv, "),
-        (("export", "-o", "x.csv", "--origin", "1,2"), "origin 1,2: write LATITUDE,LONGITUDE,ALTITUDE in degrees"),
-        (("export", "-o", "x.csv", "--origin", "91,2,3"), "origin 91,2,3: the latitude must be within -90 and 90"),
+        (("export", "-o", "x.kml", "--origin", "1,2"), "origin 1,2: write LATITUDE,LONGITUDE,ALTITUDE in degrees"),
+        (("export", "-o", "x.kml", "--origin", "91,2,3"), "origin 91,2,3: the latitude must be within -90 and 90"),
         (("plot", "--signal", "c.y"), '--signal c.y: results has no such signal; did you mean "'),
     ],
 )
@@ -728,7 +768,7 @@ def test_names_that_a_terminal_cannot_show_are_escaped(run: Any, system: Path, t
 
 
 def test_options_of_systems_are_not_taken_for_files(run: Any, tmp_path: Path) -> None:
-    for option, value in (("-o", "folder"), ("--drones", "3"), ("--until", "5")):
+    for option, value in (("-o", "folder"), ("--drones", "3"), ("--until", "5"), ("--spacing", "5"), ("--seed", "2")):
         text = f"error: new: {option} belongs to a new system; with FILE (law.py), leave it out\n"
         assert run("new", "agent", "law.py", option, value) == (2, "", text)
     assert list(tmp_path.glob("*.py")) == []

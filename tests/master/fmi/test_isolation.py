@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import json
 import locale
+import logging
 import os
 import re
 import shutil
@@ -415,6 +416,17 @@ def test_the_system_sets_the_process_of_an_instance(faulties: Faulties) -> None:
     assert not any(isolation_for(Isolation("none"), checked).isolates(fmu, x) for x in "abcd")
     with pytest.raises(SystemDescriptionError, match='process "there" of <isolation>; valid: here, file, instance'):
         check(read_system(faulties.workshop.ssd("s.ssd", faulties.workshop.system(part("a", "there")))))
+
+
+def test_a_limit_of_memory_that_limits_nothing_is_noted(faulties: Faulties, caplog: pytest.LogCaptureFixture) -> None:
+    checked = check(read_system(faulties.system("none none 0")))
+    with caplog.at_level(logging.WARNING):
+        for chosen in (chosen_isolation("none", None, None), chosen_isolation("all", None, 64)):
+            isolation_for(chosen, checked)
+        assert caplog.text == ""
+        isolation_for(chosen_isolation("none", None, 64), checked)
+    said = "note: --memory-limit limits nothing: no FMU of this system runs in a process of its own; --isolate all"
+    assert said in caplog.text
 
 
 def test_our_fmus_are_not_isolated(fmus: Path, faulties: Faulties) -> None:

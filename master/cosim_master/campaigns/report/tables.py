@@ -10,6 +10,7 @@ import numpy as np
 
 from cosim_master.campaigns.report.analysis import Finished, elementary, indices, influence, outliers
 from cosim_master.campaigns.running.options import commands
+from cosim_master.campaigns.study.study import Study
 from cosim_master.report.contents import Table
 
 __all__ = ["best", "failures", "far", "findings", "metrics", "sensitivity", "summary"]
@@ -20,14 +21,14 @@ _MOST = 50
 
 def summary(campaign: Finished) -> Table:
     """Returns what was varied, and how the runs ended."""
-    study, design = campaign.study, campaign.study.design
+    study = campaign.study
     outcomes = Counter(campaign.columns["outcome"])
     rows = [
         ("system", study.system),
         ("runs", f"{campaign.count} of {study.count}"),
         ("outcomes", ", ".join(f"{n} {outcome}" for outcome, n in sorted(outcomes.items())) or "none"),
         ("without failures and warnings", str(sum(bool(one) for one in campaign.columns["good"]))),
-        ("design", f"{design.kind}:{design.size}" if design.size else design.kind),
+        ("design", _design(study)),
         ("seeds", f"{len(study.seeds)}" if study.seeds else "that of the system"),
         ("until", f"{study.until:g} s" if study.until is not None else "the system's stop time"),
     ]
@@ -36,6 +37,13 @@ def summary(campaign: Finished) -> Table:
         rows.append((f"factor {one.label}", values + (" ..." if len(one.values) > 20 else "")))
     rows += [(f"set {name}", text) for name, text in study.overrides.items()]
     return Table("Study", (), rows)
+
+
+def _design(study: Study) -> str:
+    """Returns how the points were chosen: by a design, as `--sample` names it, or by a search."""
+    if (search := study.search) is not None:
+        return f"search for the {'least' if search.minimise else 'greatest'} {search.metric}, {search.trials} points"
+    return f"{study.design.kind}:{study.design.size}" if study.design.size else study.design.kind
 
 
 def best(campaign: Finished) -> Table:

@@ -75,14 +75,17 @@ def new(
         ),
     ] = None,
     spacing: Annotated[
-        float,
+        float | None,
         typer.Option(
             metavar="M",
             help="Metres between neighbours at the start; in line and grid twice as much before a drone that stays.",
+            show_default="10",
             callback=positive("--spacing", "a distance in m"),
         ),
-    ] = 10.0,
-    seed: Annotated[int, typer.Option(metavar="N", help="Of the layout random.", min=0)] = 1,
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="Of the layout random.", min=0, show_default="1")
+    ] = None,
     until: Annotated[
         float | None,
         typer.Option(
@@ -105,13 +108,17 @@ def new(
             "--vehicle": vehicle,
             "--autopilot": autopilot,
         }
-        own |= {"--agent": agent, "--fmus": fmus, "--until": until}
+        own |= {"--agent": agent, "--fmus": fmus, "--until": until, "--spacing": spacing, "--seed": seed}
         if given_too := [name for name, value in own.items() if value is not None]:
             raise usage(f"new: {given_too[0]} belongs to a new system; with FILE ({file}), leave it out")
         _new_model(scenario, file, as_json=as_json)
         return
     if folder is None:
         raise usage("new: give -o FOLDER for the new system, or the FILE of an agent, a model or a channel")
+    if seed is not None and layout != "random":
+        raise usage("--seed belongs to --layout random, which is not given")
+    if spacing is not None and layout is not None and Path(layout).is_file():
+        raise usage(f"--spacing: {layout} has the positions themselves; leave it out")
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"writing {folder}")
         given = {"vehicle": vehicle, "autopilot": autopilot, "agent": agent}
@@ -124,8 +131,8 @@ def new(
             fmus=_own_fmus() if fmus is None and scenario in SHAPES else fmus,
             layout=layout,
             fleet=fleet,
-            spacing=spacing,
-            seed=seed,
+            spacing=10.0 if spacing is None else spacing,
+            seed=1 if seed is None else seed,
             until=until,
             note=note,
         )

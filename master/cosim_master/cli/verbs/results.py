@@ -302,6 +302,10 @@ def export(
             raise usage("export: --json and -o - both want standard output; leave out one")
         if twice := [path for n, (_, path) in enumerate(wanted) if path in [other for _, other in wanted[:n]]]:
             raise usage(f"export: {twice[0]} is given twice; give each format a file of its own")
+        for option, field, given in (("--numbers", "numbers_only", numbers), ("--origin", "origin", origin)):
+            if given and all(one.uses != field for one, _ in wanted):
+                those = ", ".join(one.option for one in FORMATS if one.uses == field)
+                raise usage(f"export: {option} belongs to {those}; none of these is written, so leave it out")
         for one, path in wanted:  # before any is written
             check_place(run, one, path)
         options = Options(numbers, origin_of_text(origin) if origin else None)

@@ -48,7 +48,10 @@ _Optimise = Annotated[
         show_default=False,
     ),
 ]
-_Trials = Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="Points of a search.")]
+_Trials = Annotated[
+    int | None,
+    typer.Option(metavar="N", min=1, max=10**6, help="With --optimise: points of the search.", show_default="100"),
+]
 _Seeds = Annotated[
     int | None,
     typer.Option(
@@ -116,7 +119,7 @@ def sweep(
     vary: _Vary = None,
     sample: _Sample = "grid",
     optimise: _Optimise = None,
-    trials: _Trials = 100,
+    trials: _Trials = None,
     seeds: _Seeds = None,
     metric: _Metric = None,
     keep: _Keep = None,
@@ -141,7 +144,8 @@ def sweep(
         from cosim_master.campaigns.dataset.folder import is_campaign, read_study
 
         if is_campaign(Path(system)):
-            if vary or metric or keep or settings or at or seeds or folder or optimise or sample != "grid":
+            study_too = vary, metric, keep, settings, at, seeds, folder, optimise, trials, until, step, variant, solver
+            if sample != "grid" or any(one is not None for one in study_too):
                 raise usage(f"{system} holds a campaign, which goes on as it began; leave out all options of the study")
             study, folder = read_study(Path(system))[0], Path(system)
         else:
@@ -190,14 +194,16 @@ def _study(
     )
 
 
-def _search(optimise: str | None, trials: int) -> Search | None:
+def _search(optimise: str | None, trials: int | None) -> Search | None:
     if optimise is None:
+        if trials is not None:
+            raise usage("--trials belongs to --optimise, which is not given; a design has its size in --sample")
         return None
     import optuna  # noqa: F401 (if it is missing, nothing is written)
 
     from cosim_master.campaigns.study.study import Search
 
-    return Search.parsed(optimise, trials)
+    return Search.parsed(optimise, 100 if trials is None else trials)
 
 
 def _with(study: Study, **given: Any) -> Study:

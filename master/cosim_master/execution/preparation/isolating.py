@@ -173,6 +173,9 @@ def _restarts(isolation: Isolation, checked: CheckedSystem) -> dict[str, int]:
     return most
 
 
+_NONE_ISOLATED = "no FMU of this system runs in a process of its own; --isolate all isolates every one"
+
+
 def _refuse_restarts(isolation: Isolation, checked: CheckedSystem) -> None:
     """Raises SystemDescriptionError if a process has to be started anew, and its FMUs have no state to go on from."""
     problems, isolated = [], False
@@ -187,8 +190,10 @@ def _refuse_restarts(isolation: Isolation, checked: CheckedSystem) -> None:
             reason = f"{lacking[0]} is false{one.fmu.remedy(lacking[0])}" if lacking else "it is for Model Exchange"
             text = f"{one.name} cannot be started anew after a crash (--restart-crashed): {reason}"
             problems.append(Problem(one.where, text))
+    if isolation.limits.memory != DEFAULT.limits.memory and not isolated:
+        log.warning("note: --memory-limit limits nothing: %s", _NONE_ISOLATED)
     if isolation.limits.restarts and not isolated:
-        text = "no FMU of this system runs in a process of its own; --isolate all isolates every one"
+        text = _NONE_ISOLATED
         problems.append(Problem(Where("--restart-crashed"), text))
     if problems:
         raise SystemDescriptionError(problems)

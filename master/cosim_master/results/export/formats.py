@@ -52,11 +52,13 @@ class Format:
         name: of its module, and with hyphens of its option.
         text: the content, for the help.
         suffix: of its files, by which `-o` chooses it; empty for a folder.
+        uses: the field of `Options` that its exporter reads, if any.
     """
 
     name: str
     text: str
     suffix: str = ""
+    uses: str = ""
 
     @property
     def option(self) -> str:
@@ -68,17 +70,17 @@ class Format:
 
 
 FORMATS = (
-    Format("csv", "All signals as FMPy writes its results; - is standard output.", ".csv"),
+    Format("csv", "All signals as FMPy writes its results; - is standard output.", ".csv", uses="numbers_only"),
     Format("mat", "All signals as OpenModelica writes its results (MAT 4).", ".mat"),
-    Format("mcap", "Poses, geodetic positions, signals, messages and a scene for Foxglove.", ".mcap"),
-    Format("foxglove_layout", "Layout of Foxglove for --mcap and `run --foxglove`.", ".layout.json"),
-    Format("rrd", "Scene, poses, signals and messages for Rerun.", ".rrd"),
-    Format("rosbag", "ROS 2 bag: poses, odometry, NavSatFix, path, tf."),
-    Format("rosbag1", "ROS 1 bag with the same topics.", ".bag"),
+    Format("mcap", "Poses, geodetic positions, signals, messages and a scene for Foxglove.", ".mcap", uses="origin"),
+    Format("foxglove_layout", "Layout of Foxglove for --mcap and `run --foxglove`.", ".layout.json", uses="origin"),
+    Format("rrd", "Scene, poses, signals and messages for Rerun.", ".rrd", uses="origin"),
+    Format("rosbag", "ROS 2 bag: poses, odometry, NavSatFix, path, tf.", uses="origin"),
+    Format("rosbag1", "ROS 1 bag with the same topics.", ".bag", uses="origin"),
     Format("tlog", "MAVLink packets of each node, with the sequence numbers of its link."),
-    Format("dataflash", "ArduPilot's DataFlash log of each autopilot (runs with --dataflash)."),
-    Format("kml", "Tracks for Google Earth.", ".kml"),
-    Format("gpx", "Tracks for maps and GPS tools.", ".gpx"),
+    Format("dataflash", "ArduPilot's DataFlash log of each autopilot (runs with --dataflash).", uses="origin"),
+    Format("kml", "Tracks for Google Earth.", ".kml", uses="origin"),
+    Format("gpx", "Tracks for maps and GPS tools.", ".gpx", uses="origin"),
     Format("gif", "Animation of all drones, seen from above.", ".gif"),
     Format("mp4", "Film of all drones, seen from above.", ".mp4"),
 )

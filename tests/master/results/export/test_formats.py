@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections import Counter, defaultdict
+from contextlib import nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,22 @@ def table(flown: Path) -> pa.Table:
 
 def array(table: pa.Table, name: str, size: int) -> np.ndarray:
     return np.stack([table[f"{name}[{i + 1}]"].to_numpy() for i in range(size)], axis=1)
+
+
+@pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
+def test_a_format_declares_the_setting_that_it_uses(one: Format, flown: Path, tmp_path: Path) -> None:
+    """Others are refused by `uav-cosim export`, as they would change nothing."""
+    read: set[str] = set()
+
+    class Asked:
+        def __getattr__(self, name: str) -> Any:
+            read.add(name)
+            return getattr(Options(), name)
+
+    asked: Any = Asked()
+    with pytest.raises(CosimError, match="run with --dataflash") if one.name == "dataflash" else nullcontext():
+        export_run(flown, one, tmp_path / f"file{one.suffix}", asked)
+    assert read == {one.uses} - {""}
 
 
 def test_the_flight_has_something_to_export(table: pa.Table, flown: Path) -> None:

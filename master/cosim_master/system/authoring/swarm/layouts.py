@@ -119,13 +119,17 @@ def poses_of_file(file: Path) -> tuple[Pose, ...]:
         raise SystemDescriptionError([Problem(Where(str(file), 1), f'column "{twice[0]}" is there twice')])
     problems: list[Problem] = []
     poses: list[Pose] = []
+    named: dict[str, int] = {}
     for row in reader:
         where = Where(str(file), reader.line_num)
         try:
             if None in row or None in row.values():
                 raise ValueError(f"has not {len(columns)} values, one for each of {', '.join(columns)}")
             north, east, down = (_metres(name, row.get(name, "0")) for name in valid[:3])
-            poses.append(Pose(north, east, down, row.get("name", "").strip()))
+            name = row.get("name", "").strip()
+            if name and (line := named.setdefault(name, reader.line_num)) != reader.line_num:
+                raise ValueError(f'name="{name}" is that of line {line}, too; give each drone a name of its own')
+            poses.append(Pose(north, east, down, name))
         except ValueError as error:
             problems.append(Problem(where, str(error)))
     if not poses and not problems:
