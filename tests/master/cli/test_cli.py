@@ -774,6 +774,12 @@ def test_options_of_systems_are_not_taken_for_files(run: Any, tmp_path: Path) ->
     assert list(tmp_path.glob("*.py")) == []
 
 
+def test_a_file_that_is_given_twice_is_built_once(run: Any) -> None:
+    assert run("new", "model", "thing_twice.py")[0] == 0
+    code, stdout, stderr = run("build", "thing_twice.py", "thing_twice.py", "-o", "fmus", "--interpreted")
+    assert (code, stderr) == (0, "") and len(stdout.splitlines()) == 1
+
+
 def test_an_fmu_is_one_whatever_the_case_of_its_name(run: Any, probes: Any, tmp_path: Path) -> None:
     shutil.copy(probes.fmu(), tmp_path / "PROBE.FMU")
     code, stdout, _ = run("info", "PROBE.FMU", "--json")

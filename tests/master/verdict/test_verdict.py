@@ -261,6 +261,20 @@ def test_nearest_approach_and_contacts_are_those_of_all_pairs(count: int, seed: 
         assert contact.distance == pytest.approx(wanted[pair], abs=0.01)
 
 
+@pytest.mark.parametrize("count", [4, 40])
+@pytest.mark.parametrize("far", [1e155, 1e300, -1.7e308])
+def test_bodies_too_far_away_for_their_squares_hide_no_others(count: int, far: float) -> None:
+    """A difference of two infinite squares is no number, and the least of numbers with one that is none is that one."""
+    points = np.zeros((2, count, 3))
+    points[:, :, 0] = 10.0 * np.arange(count)
+    points[1, 2, 0] = 11.0  # from 20 m, to 1 m from the second
+    points[:, 0, 1], points[:, 3, 1] = (far, -far), (far, 0.0)
+    approach = Approach(count, 1.5)
+    approach.look(np.array([0.0, 1.0]), points)
+    assert (approach.distance, approach.pair, approach.time) == (1.0, (1, 2), 1.0)
+    assert [*approach.contacts] == [(1, 2)]
+
+
 def test_two_that_pass_between_two_looks_meet_there() -> None:
     approach = Approach(2, 0.5)
     approach.look(np.array([4.0, 4.1]), np.array([[[0.0, 0, 0], [1.0, 0, 0]], [[1.0, 0, 0], [0.0, 0, 0]]]))

@@ -92,6 +92,11 @@ class Study:
         varied = [one.label for one in self.factors]
         if twice := [name for n, name in enumerate(varied) if name in varied[:n]]:
             raise refusal(f'--vary "{twice[0]}"', "it is varied twice; give all its values in one --vary")
+        if fixed := [name for name in varied if name in FIXED]:
+            text = f"the dataset has a column of this name; give a variable of this name as COMPONENT.{fixed[0]}"
+            if fixed[0] == "seed":
+                text += "; seeds of the radio are varied by --seeds"
+            raise refusal(f'--vary "{fixed[0]}"', text)
         labels = [*FIXED, *(one.label for one in self.factors), *(one.name for one in self.metrics)]
         if twice := [name for n, name in enumerate(labels) if name in labels[:n]]:
             text = "the dataset has a column of this name already; give another name (--metric NAME=...)"

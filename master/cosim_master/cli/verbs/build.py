@@ -115,7 +115,7 @@ def _chosen(models: list[str] | None) -> list[type[Model]]:
     # Not for a file or module alone: importing all models takes as long as building one of them.
     known = [] if all("." in name for name in models) else models_of_package("cosim_models")
     chosen: dict[type[Model], None] = {}
-    for name in models:
+    for name in dict.fromkeys(models):
         wanted = shipped.models(name) if name in shipped.names() else (name,)
         found = load_models(name) if "." in name else [model for model in known if model.__name__ in wanted]
         if not found and "." not in name:

@@ -93,12 +93,14 @@ class Approach:
             return
         if len(times) == 1:
             times, points = np.repeat(times, 2), np.repeat(points, 2, axis=0)
-        first, second = self._candidates(points)
-        for begin in range(0, len(first), _PIECE):
-            self._compare(times, points, first[begin : begin + _PIECE], second[begin : begin + _PIECE])
+        with np.errstate(over="ignore", invalid="ignore"):  # bodies farther away than a float can square
+            first, second = self._candidates(points)
+            for begin in range(0, len(first), _PIECE):
+                self._compare(times, points, first[begin : begin + _PIECE], second[begin : begin + _PIECE])
 
     def _compare(self, times: Array, points: Array, first: Array, second: Array) -> None:
         distance, part = closest(points[:, first], points[:, second])
+        distance[np.isnan(distance)] = np.inf
         least = distance.min(axis=0)
         p = int(least.argmin())
         if least[p] < self.distance:
