@@ -130,9 +130,7 @@ def test_columns_have_different_names() -> None:
         Study(system="line5", metrics=(Metric.parsed("seed=packets_lost"),))
     with pytest.raises(SystemDescriptionError, match=r'--vary "a\.b": it is varied twice; give all its values in one'):
         Study(system="line5", factors=factors("a.b=1,2", "a.b=3,4"))
-    text = (
-        r'--vary "seed": the dataset has a column .* as COMPONENT\.seed; seeds .* are varied by --seeds$'
-    )
+    text = r'--vary "seed": the dataset has a column .* as COMPONENT\.seed; seeds .* are varied by --seeds$'
     with pytest.raises(SystemDescriptionError, match=text):
         Study(system="line5", factors=factors("seed=1,2"))
     with pytest.raises(SystemDescriptionError, match=r"column of this name; give .* as COMPONENT\.point$"):
