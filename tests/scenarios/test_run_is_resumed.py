@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -124,6 +125,33 @@ def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> 
     assert "every 1.001 s is not a multiple of the base step 0.0025 s; try 1" in refused(checkpoint_every=1.001)
     (tmp_path / "run" / "checkpoints" / "1" / "state.npz").write_bytes(b"PK")
     assert "1 is damaged: state.npz has not the digest that checkpoint.json contains" in refused()
+
+
+def test_a_branch_is_repeated_with_what_led_to_its_checkpoint(line5: Path, tmp_path: Path) -> None:
+    """And says which changes of the run that it goes on from are not made."""
+    gusts: list[tuple[float, str, str]] = [
+        (0.5, "drone3.vehicle.wind[2]", "5"),
+        (0.75, "drone*.vehicle.wind[1]", "0.2"),
+        (1.5, "drone3.vehicle.wind[2]", "0"),
+    ]
+    out = {name: tmp_path / name for name in ("first", "branch", "replayed", "whole")}
+
+    def signals(name: str) -> Any:
+        return pq.read_table(out[name] / "signals.parquet")
+
+    simulate(line5, RunOptions(until=3.0, at=gusts, checkpoint_every=1.0, out=out["first"]))
+    origin = f"{out['first']}@1"
+    branch = simulate(line5, RunOptions(until=3.0, origin=origin, out=out["branch"]))
+    made = json.loads((out["branch"] / "manifest.json").read_text())["changes"]
+    assert made[0] == {"time": 0.5, "variable": "drone3.vehicle.wind[2]", "value": 5.0}
+    assert [(one["time"], one["value"]) for one in made[1:]] == 5 * [(0.75, 0.2)]
+    text = f"{out['first']} also had changes after 1 s, which are not made here; --replay {out['first']} makes them: "
+    assert [one for one in map(str, branch.notes) if "changes" in one] == [f"{text}drone3.vehicle.wind[2] at 1.5 s"]
+    simulate(line5, RunOptions(until=3.0, replay=out["branch"], out=out["replayed"]))
+    assert signals("replayed").equals(signals("branch")) and not signals("branch").equals(signals("first"))
+    whole = simulate(line5, RunOptions(until=3.0, replay=out["first"], origin=origin, out=out["whole"]))
+    assert not [one for one in map(str, whole.notes) if "changes" in one]
+    assert signals("whole").equals(signals("first"))
 
 
 def test_a_run_that_ends_before_its_first_checkpoint_says_so(line5: Path, tmp_path: Path) -> None:

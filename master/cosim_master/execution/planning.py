@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -99,6 +100,9 @@ def planned(
             text = "this is the folder of the run that it goes on from; give another folder"
             raise SystemDescriptionError([Problem(Where(str(out)), text)])
         ready = replace(ready, changes=_later(ready, checkpoint))
+        if dropped := _dropped(ready, checkpoint):
+            text = f"{checkpoint.run} also had changes after {checkpoint.time:g} s, which are not made here; --replay"
+            ready = _noting(ready, f"{text} {checkpoint.run} makes them: {', '.join(dropped[:3])}")
         saving.changes = [*checkpoint.changes, *(told(ready.checked, change) for change in ready.changes)]
     if saving.none_from(0 if checkpoint is None else checkpoint.k):
         ready = _noting(ready, _NO_CHECKPOINT.format(ready.clock.time(ready.clock.steps), options.checkpoint_every))
@@ -155,6 +159,21 @@ def _later(ready: Prepared, checkpoint: Checkpoint) -> tuple[Change, ...]:
     if problems:
         raise SystemDescriptionError(problems)
     return tuple(change for change in ready.changes if change.k >= checkpoint.k)
+
+
+def _dropped(ready: Prepared, checkpoint: Checkpoint) -> list[str]:
+    """Returns the changes after a checkpoint that the run with the checkpoint was to have, and this one has not."""
+    known = {(change.k, told(ready.checked, change)[1]) for change in ready.changes}
+    try:
+        found = json.loads((checkpoint.run / "manifest.json").read_text(encoding="utf-8"))["changes"]
+        later = [(ready.clock.step_at(float(one["time"])), str(one["variable"])) for one in found]
+    except (OSError, ValueError, KeyError, TypeError):  # the checkpoint does without its manifest
+        return []
+    return [
+        f"{name} at {ready.clock.time(k):g} s"
+        for k, name in later
+        if k is not None and k >= checkpoint.k and (k, name) not in known
+    ]
 
 
 def _joining(ready: Prepared, options: RunOptions) -> Joining | None:

@@ -264,6 +264,17 @@ def whole(text: str, low: int, high: int) -> int | None:
     return int(text)
 
 
+def number(text: str) -> float:
+    """Returns the number that a person has written: as `float` reads it, but without underscores and foreign digits.
+
+    Raises:
+        ValueError: the text is none.
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError(f"{text} is not a number")
+    return float(text)
+
+
 def double(text: str) -> float | None:
     """Returns the number that `text` contains in the form of XML Schema (xs:double), or None if it is not one."""
     text = text.strip()

@@ -22,6 +22,7 @@ from cosim_master.stepping.kernels.tables import COPY, SIGN
 from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance, FlatConnection
 from cosim_master.system.settings.master import Delay, MasterSettings
 from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.recording import RECORDING
 
 __all__ = ["Delayed", "Layout", "Ports", "halves_of", "make_layout", "shows_error"]
 
@@ -245,10 +246,22 @@ def _chosen(
         if not matches and (any(candidates.values()) or pattern != "*"):
             known = {f"{one.name}.{name}": None for one in checked.instances for name in candidates[id(one.fmu)]}
             text = f'"{pattern}" matches no output or local variable{_instead(checked, pattern, known)}'
-            problems.append(Problem(Where("--record"), text))
+            problems.append(Problem(_place(checked, record), text))
     if problems:
         raise SystemDescriptionError(problems)
     return chosen
+
+
+def _place(checked: CheckedSystem, record: Sequence[str]) -> Where:
+    """Returns where the patterns of the signals to record are written: an option, a setting or the annotation."""
+    if checked.settings.get("recording", {}).get("signals", "").split() == [*record]:
+        return Where("--set recording.signals")
+    for one in checked.annotations:
+        if one.annotation.type == RECORDING and any(
+            element.get("signals", "").split() == [*record] for element in one.annotation.element
+        ):
+            return one.annotation.where
+    return Where("--record")
 
 
 def _instead(checked: CheckedSystem, pattern: str, candidates: Collection[str]) -> str:

@@ -58,8 +58,10 @@ def of_radio(
         known: findings from before the run; links that these explain are left out.
     """
     sent, delivered, on_the_way = (packets.get(what, 0) for what in ("sent", "delivered", "in flight"))
-    if sent and not delivered and not on_the_way:
-        text = f"none of the {sent} packets sent by radio has reached a node ({_totals(packets)})"
+    lost = packets.get("lost", 0)
+    if sent >= (_ENOUGH if on_the_way and not lost else 1) and not delivered:
+        told = ", ".join(filter(None, (_totals(packets), f"{on_the_way} still in flight" if on_the_way else "")))
+        text = f"none of the {sent} packets sent by radio has reached a node ({told})"
         yield Finding("no radio", "warning", (), text, numbers={"sent": sent, "delivered": delivered})
     elif links is None:
         yield from _of_all(packets)

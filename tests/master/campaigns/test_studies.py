@@ -135,6 +135,13 @@ def test_columns_have_different_names() -> None:
         Study(system="line5", factors=factors("seed=1,2"))
     with pytest.raises(SystemDescriptionError, match=r"column of this name; give .* as COMPONENT\.point$"):
         Study(system="line5", factors=factors("point=1,2"))
+    with pytest.raises(SystemDescriptionError, match=r'--vary "d\*\.b": this pattern matches d3\.b, too, which would'):
+        Study(system="line5", factors=factors("d3.b=1,2", "d*.b=3,4"))
+    with pytest.raises(SystemDescriptionError, match=r'--vary "d\*\.b": this pattern matches d3\.b, too, which would'):
+        Study(system="line5", factors=factors("d*.b=3,4"), overrides={"d3.b": "1"})
+    with pytest.raises(SystemDescriptionError, match=r'--vary "network\.loss": it is set by --set, too, which would'):
+        Study(system="line5", factors=factors("network.loss=0,0.1"), overrides={"network.loss": "0.3"})
+    Study(system="line5", factors=factors("d3.b=1,2", "d*.b@3=3,4"), overrides={"d*.b": "1"})  # each has an effect
     with pytest.raises(SystemDescriptionError, match="a seed is given twice"):
         Study(system="line5", seeds=(1, 1))
     with pytest.raises(SystemDescriptionError, match="seeds are varied by --seeds"):

@@ -227,6 +227,17 @@ def test_a_campaign_goes_on_without_options_of_its_study(run: Any, tmp_path: Pat
     assert run("sweep", "study", *words.split()) == (2, "", text)
 
 
+def test_patterns_of_signals_are_refused_where_they_are_written(run: Any, system: Path) -> None:
+    text = 'error: --set recording.signals: "c.*" matches no output or local variable; valid: "a.c"'
+    assert text in run("run", str(system), "--set", "recording.signals=c.*")[2]
+    written = '<ssd:Annotations><ssc:Annotation type="org.uav-cosim.recording"><recording signals="c.*" '
+    written += 'xmlns="https://uav-cosim.org/ns/1"/></ssc:Annotation></ssd:Annotations>'
+    content = system.read_text()
+    system.write_text(content.replace("</ssd:System>", f"\n{written}</ssd:System>"))
+    line = 1 + system.read_text().split("<ssc:Annotation ")[0].count("\n")
+    assert f'error: {system}:{line}: "c.*" matches no output or' in run("check", str(system))[2]
+
+
 @pytest.mark.parametrize("command", ["run", "check", "info"])
 def test_a_missing_system(run: Any, command: str) -> None:
     code, _, stderr = run(command, "nowhere.ssd")

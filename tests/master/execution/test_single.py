@@ -14,6 +14,7 @@ from fmpy.simulation import Input
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.build import build, load_models
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.outcome.result import RunResult
@@ -146,6 +147,56 @@ def test_inputs_without_a_column_keep_their_start_values(dynamics: Any, tmp_path
     assert got["Drive.t"] == ["x!", "x!", "y!"]
     assert got["Drive.latched"] == [103, 103, 3]
     assert f"{tmp_path / 'in.csv'} has no column for Drive.m, Drive.u: start values hold" in result.notes
+
+
+@pytest.mark.parametrize(
+    ("rows", "note"),
+    [
+        (
+            "100,1,8\n101,1,5\n",
+            "starts at 100 s, and the run stops at 1 s: the values of its first row hold all the time",
+        ),
+        ("-5,1,8\n-1,1,5\n", "ends at -1 s: the values of its last row hold all the time"),
+        ("0,1,8\n", ""),
+        ("0.5,1,8\n7,1,9\n", ""),
+        ("-5,1,8\n0.5,1,9\n", ""),
+    ],
+)
+def test_a_file_of_inputs_for_another_time_is_noted(dynamics: Any, tmp_path: Path, rows: str, note: str) -> None:
+    file = dynamics.fmu("DRIVE", 2, "CS", stop=1.0, step=0.5)
+    (tmp_path / "in.csv").write_text(f"time,on,m\n{rows}")
+    result, _ = alone(file, inputs=tmp_path / "in.csv")
+    found = [one for one in result.notes if "hold all the time" in one]
+    assert found == ([f"{tmp_path / 'in.csv'} {note}"] if note else [])
+
+
+MASS = """
+from cosim import Model, Output
+from cosim.verdict import Role
+
+def start(m):
+    return 0
+
+def advance(m, t, h):
+    m.position[0] = t + h
+    return 0
+
+class OnlyAPosition(Model):
+    '''A vehicle that moves north.'''
+
+    step_size = 0.25
+    variables = (Output("position", shape=3, unit="m", verdict=Role.POSITION),)
+    kernels = (start, advance)
+"""
+
+
+def test_a_vehicle_whose_only_output_is_its_position(tmp_path: Path) -> None:
+    """Without an integer, a Boolean or an enumeration that the verdict could watch."""
+    (tmp_path / "only_a_position.py").write_text(MASS)
+    (model,) = load_models(str(tmp_path / "only_a_position.py"))
+    result, got = alone(build(model, tmp_path, interpreted=True).file, until=1.0)
+    assert result.outcome == "done" and result.verdict is not None
+    assert got["OnlyAPosition.position[1]"] == [0.0, 0.25, 0.5, 0.75, 1.0]
 
 
 def test_everything_wrong_with_a_file_of_inputs(dynamics: Any, tmp_path: Path) -> None:

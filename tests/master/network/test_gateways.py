@@ -94,6 +94,8 @@ def test_ports_are_numbered_as_the_vehicles_are_and_wired_to_their_autopilots() 
         ),
         (["serial:1"], None, ["--gcs: serial:1 is not an address: write KIND:[HOST:]PORT, its kind one of"]),
         (["tcp:65536"], None, ["--gcs: tcp:65536: port 65536 is above 65535"]),
+        (["tcp:5760,loss=0.1,loss=0.5"], None, ["--gcs: loss=0.5: loss is given twice; leave out one of them"]),
+        (["tcp:5760,loss=0_1"], None, ["--gcs: loss=0_1: must be a number from 0 to 1"]),
         (["tcp:5760+10"], None, ["--gcs: tcp:5760+10: +10 is for --ports"]),
         (["tcp:5760,loss=2"], None, ["--gcs: loss=2: must be a number from 0 to 1"]),
         (["tcp:5760,latency=x"], None, ["--gcs: latency=x: must be a number from 0 to 3600"]),

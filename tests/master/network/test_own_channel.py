@@ -232,6 +232,18 @@ def test_types_that_do_not_fit_are_reported_with_their_line(tmp_path: Path) -> N
     assert str(caught.value).startswith(f"{tmp_path / 'x.py'}:5: cannot be compiled: ")
 
 
+@pytest.mark.parametrize("value", ["True", "packet.distance > 5", "math.isinf(packet.delay)"])
+def test_a_value_that_is_no_number_is_told_as_such(tmp_path: Path, value: str) -> None:
+    found = own(tmp_path / "x.py", BODY + f"    return {value}\n")
+    with pytest.raises(SystemDescriptionError) as caught:
+        address_of(found)
+    line = BODY[: BODY.index("def channel")].count("\n") + 1
+    text = (
+        f"{tmp_path / 'x.py'}:{line}: channel returns no number: return the delay in s as a float, such as packet.delay"
+    )
+    assert str(caught.value).startswith(text)
+
+
 def test_the_names_that_are_checked_are_those_that_exist() -> None:
     assert own_channel.FIELDS.keys() == {*(PACKET.names or ())} - {"key"}
     for name, size in own_channel.FIELDS.items():

@@ -99,3 +99,15 @@ def test_without_a_record_of_packets_all_links_are_judged_together() -> None:
     assert told(None, channel=100) == {"packets lost": "100 of 1000 packets by radio were lost (100 lost: channel)"}
     assert told(None, range=600) == {}
     assert told(None, channel=1000).keys() == {"no radio"}
+
+
+def test_packets_that_are_all_in_flight_have_not_arrived() -> None:
+    """A latency of 20 ms that is written as 20 s; a few packets may be on the way at the end of a short run."""
+
+    def found(sent: int) -> list[tuple[str, str]]:
+        counts = {"sent": sent, "delivered": 0, "lost": 0, "in flight": sent}
+        return [(one.kind, one.text) for one in of_radio(counts, None, Network(), ())]
+
+    text = "none of the 1184 packets sent by radio has reached a node (1184 still in flight)"
+    assert found(1184) == [("no radio", text)]
+    assert found(5) == []

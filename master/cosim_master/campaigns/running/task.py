@@ -110,6 +110,8 @@ def _row(study: Study, place: Place, run: Planned, measured: Measured) -> dict[s
     for metric in study.metrics:
         try:
             metrics[metric.name] = finite(metric.value(measured))
+            if metrics[metric.name] is None:
+                reasons.append(f"metric {metric.name}: it is no finite number in this run")
         except MetricError as error:
             metrics[metric.name] = None
             reasons.append(str(error))

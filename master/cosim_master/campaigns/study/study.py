@@ -13,6 +13,7 @@ from cosim_master.campaigns.metrics.metric import Metric
 from cosim_master.campaigns.refusal import refusal
 from cosim_master.campaigns.study.designs import Design, Point, points
 from cosim_master.campaigns.study.factors import Factor
+from cosim_master.diagnostics.names import matching
 
 __all__ = ["FIXED", "Planned", "Search", "Study"]
 
@@ -92,6 +93,13 @@ class Study:
         varied = [one.label for one in self.factors]
         if twice := [name for n, name in enumerate(varied) if name in varied[:n]]:
             raise refusal(f'--vary "{twice[0]}"', "it is varied twice; give all its values in one --vary")
+        at_start = [one.name for one in self.factors if one.time is None]
+        for name in at_start:
+            if covered := [x for x in matching(name, [*at_start, *self.overrides]) if x != name]:
+                text = f"this pattern matches {covered[0]}, too, which would have no effect; leave out one of them"
+                raise refusal(f'--vary "{name}"', text)
+            if name in self.overrides:
+                raise refusal(f'--vary "{name}"', "it is set by --set, too, which would have no effect; leave out one")
         if fixed := [name for name in varied if name in FIXED]:
             text = f"the dataset has a column of this name; give a variable of this name as COMPONENT.{fixed[0]}"
             if fixed[0] == "seed":

@@ -251,8 +251,9 @@ def _without_values(campaign: Campaign) -> Iterator[str]:
     table = campaign.table()
     for name in table.column_names[table.column_names.index("simulated_s") + 1 :]:  # the metrics
         if table.num_rows and table[name].null_count == table.num_rows:
-            run, reason = table["run"][0], table["reason"][0]
-            yield f"no run has a value of metric {name}; run {run}: {str(reason).removeprefix(f'metric {name}: ')}"
+            head, lines = f"metric {name}: ", str(table["reason"][0]).splitlines()
+            own = [line.removeprefix(head) for line in lines if line.startswith(head)] or lines
+            yield f"no run has a value of metric {name}; run {table['run'][0]}: {' '.join(own)}"
 
 
 def _failed(campaign: Campaign) -> str:

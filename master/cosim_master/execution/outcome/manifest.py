@@ -6,7 +6,7 @@ import hashlib
 import math
 import platform
 from collections import ChainMap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cache
 from importlib.metadata import version
@@ -101,6 +101,30 @@ def _changes(ready: Prepared) -> list[dict[str, Any]]:
         }
         for change in ready.changes
     ]
+
+
+def as_changes(ready: Prepared, made: Sequence[tuple[int, str, str]]) -> list[dict[str, Any]]:
+    """Returns changes that led to a checkpoint, with values as Python writes them, in the form of the manifest."""
+    texts = {
+        f"{one.name}.{name}"
+        for one in (ready.checked.instances if made else ())
+        for name, variable in one.fmu.variables.items()
+        if variable.type == "String"
+    }
+
+    def value(name: str, text: str) -> Any:
+        return text if name in texts else text == "True" if text in ("True", "False") else _in_json(_number(text))
+
+    return [{"time": ready.clock.time(k), "variable": name, "value": value(name, text)} for k, name, text in made]
+
+
+def _number(text: str) -> int | float | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
 
 
 def _master(master: MasterSettings) -> dict[str, Any]:

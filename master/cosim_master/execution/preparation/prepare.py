@@ -105,7 +105,7 @@ def prepare(
     if network is not None:
         checked = gathered(lambda: with_jamming(checked, network)) or checked
     limits = gathered(lambda: limits_of(checked))
-    monitors = gathered(lambda: monitors_of(checked, network, clock))
+    monitors = gathered(lambda: monitors_of(checked, network, clock, gridless=gridless))
     if clock is not None and master is not None:
         gathered(lambda: master.check(checked, clock.base, clock.periods, clock.per_ns))
     if problems:

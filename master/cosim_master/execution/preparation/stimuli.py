@@ -25,6 +25,7 @@ import numpy as np
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import near
+from cosim_master.files.xml import number as plain_number
 from cosim_master.fmi.description.interpolation import interpolated
 from cosim_master.fmi.description.read import Start, Variable
 from cosim_master.system.flatten.flat import CheckedSystem
@@ -78,7 +79,12 @@ class Stimuli:
         return replace(checked, instances=tuple(instances))
 
     def sample(self, clock: TimeGrid) -> None:
-        """Computes the values at all communication points of a run."""
+        """Computes the values at all communication points of a run, and notes if the file has only one of each."""
+        first, last, begin, end = *map(float, self._rows[[0, -1]]), clock.time(0), clock.time(clock.steps)
+        if first >= end or (len(self._rows) > 1 and last <= begin):
+            lie = f"starts at {first:g} s, and the run stops at {end:g} s" if first >= end else f"ends at {last:g} s"
+            row = "first" if first >= end else "last"
+            self.notes += (f"{self.path} {lie}: the values of its {row} row hold all the time",)
         dues = []
         for column in self._columns:
             steps = np.arange(0, clock.steps, clock.periods[column.instance], dtype=np.int64)
@@ -245,11 +251,15 @@ class _Reading:
         used = {(column.instance, column.variable.name) for column in columns}
         every = {(i, v.name) for ends in self._inputs.values() for i, v in ends}
         missing = [f"{self._checked.instances[i].name}.{name}" for i, name in sorted(every - used)]
-        notes = [f"{self._path} has no column for {', '.join(missing[:5])}: start values hold"] if missing else []
+        more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+        some = ", ".join(missing[:5]) + more
+        notes = [f"{self._path} has no column for {some}: start values hold"] if missing else []
         return Stimuli(self._path, rows, columns, hashlib.sha256(content).hexdigest(), notes)
 
     def _header(self, line: int, names: Sequence[str]) -> list[list[tuple[int, Variable]]]:
         names = [name.strip() for name in names]
+        if names == ["time"]:
+            self._problem(line, "it has only the column time, and so sets nothing; add a column for each input")
         if names[0] != "time":
             self._problem(line, f'its first column is "{names[0]}"; it must be "time"')
         head = f"{self._checked.instances[0].name}." if len(self._checked.instances) == 1 else ""
@@ -311,7 +321,7 @@ class _Reading:
 
 def _number(text: str) -> float | None:
     try:
-        number = float(text)
+        number = plain_number(text)
     except ValueError:
         return None
     return number if math.isfinite(number) else None

@@ -34,6 +34,7 @@ from cosim.naming import AUTOPILOT
 from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, find, has_crc, message_id
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import ADDRESS
+from cosim_master.files.xml import number as plain_number
 from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.network.gateways.signing import Signing, read_key
 from cosim_master.network.gateways.sockets import KINDS, Socket, open_socket
@@ -168,8 +169,11 @@ def _read(option: str, text: str, problems: list[Problem]) -> tuple[Gateway, Add
         return None
     numbers: dict[str, Any] = {}
     key = None
-    for option in options:
+    for place, option in enumerate(options):
         name, _, value = option.partition("=")
+        if name in [other.partition("=")[0] for other in options[:place]]:
+            problems.append(Problem(where, f"{option}: {name} is given twice; leave out one of them"))
+            continue
         try:
             if name == "sign":
                 key = read_key(Path(value))
@@ -187,7 +191,7 @@ def _read(option: str, text: str, problems: list[Problem]) -> tuple[Gateway, Add
 
 def _number(text: str, high: float) -> float:
     try:
-        value = float(text)
+        value = plain_number(text)
     except ValueError:
         value = -1.0
     if not 0.0 <= value <= high:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from cosim_master.diagnostics.errors import Finding, Problem, Where
 from cosim_master.diagnostics.limitations import MAPPED_BACK, SIGNAL_START
 from cosim_master.diagnostics.names import alike, did_you_mean, is_pattern, matching, near, near_pattern
+from cosim_master.files.xml import number as plain_number
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.description.units import UndefinedUnit, Unit, UnitError, conversion
 from cosim_master.fmi.description.variables import INTEGER_RANGES
@@ -133,7 +134,7 @@ class Bindings:
             self._notes.append(
                 f'{empty[0]}: source="" names no parameter: {len(empty)} entries of the mapping map nothing'
             )
-        for name in named.keys() - used:
+        for name in (one for one in named if one not in used):
             full = f"{part.name}.{name}" if part.name else name
             hint = "the parameter mapping of its binding does not name it"
             self.unmatched.append(Unmatched(full, named[name].where, hint))
@@ -234,7 +235,7 @@ class Bindings:
         try:
             kind = SAME_TYPE.get(kind or "", kind)
             if kind in _FLOATS:
-                value = float(text)
+                value = plain_number(text)
             elif kind == "Boolean":
                 value = _BOOLEANS[text.strip().lower()]
             elif kind in INTEGER_RANGES or (kind == "Enumeration" and text.strip() not in (items or {})):

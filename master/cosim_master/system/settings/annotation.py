@@ -13,7 +13,8 @@ from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, Where
 from cosim_master.diagnostics.names import near, similar
-from cosim_master.files.xml import line_of
+from cosim_master.files.xml import line_of, whole
+from cosim_master.files.xml import number as plain_number
 from cosim_master.system.flatten.flat import CheckedSystem
 
 __all__ = ["NAMESPACE", "Attributes", "root_annotation"]
@@ -86,7 +87,7 @@ class Attributes:
         if not self._has(name):
             return default
         try:
-            value = math.inf if text == "INF" else float(text)
+            value = math.inf if text == "INF" else plain_number(text)
         except ValueError:
             value = math.nan
         if not low <= value <= high:
@@ -99,11 +100,8 @@ class Attributes:
         text = self.text(name, "").strip()
         if not self._has(name):
             return default
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
+        value = whole(text, low, high)
+        if value is None:
             self._wrong(name, text, f" must be a whole number from {low} to {high}")
             return default
         return value

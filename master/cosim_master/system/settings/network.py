@@ -313,6 +313,9 @@ def _check_positions(reader: Attributes, nodes: Sequence[Node], what: str) -> No
             path = reader.text("position", BY_CONVENTION)
             text = f'position="{path}": there are no Real outputs {path}[1] to [3] below node {node.name}'
             reader.problem(f"{what} need positions; {text}")
+        elif other := [(v.name, v.unit.name) for _, v in node.position if v.unit is not None and v.unit.name != "m"]:
+            text = f"{other[0][0]} of node {node.name} is in {other[0][1]}: name the outputs of its position"
+            reader.problem(f"{what} need positions in m; {text}")
 
 
 def _effects(reader: Attributes) -> dict[str, Any]:
@@ -327,6 +330,11 @@ def _check_effects(reader: Attributes, settings: Network) -> None:
     for one in settings.channels:
         start = settings.burst_start if one.burst_start is None else one.burst_start
         ways.append((start, settings.burst_end if one.burst_end is None else one.burst_end))
+    links = [] if reader.element is None else [*reader.element.iter("{*}link")]
+    if not reader.text("burstStart", "") and all(link.get("burstStart") is None for link in links):
+        for name in ("burstLoss", "burstEnd"):
+            if reader.text(name, "") or any(link.get(name) is not None for link in links):
+                reader.problem(f"{name} is for bursts, and none begins: give burstStart, the probability that one does")
     for start, end in dict.fromkeys(ways):
         if start > 0.0 and not (end > 0.0 and 1e-4 <= start + end <= 1.0):
             text = "burstEnd must be more than 0, and both together from 0.0001 to 1: a burst of 1/burstEnd packets"

@@ -15,8 +15,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cosim_master.network.radio.tables import BY_RADIO, DUPLICATE, ON_BOARD
-from cosim_master.verdict.monitors.declared import Age
-from cosim_master.verdict.monitors.rules import NEAR, Samples
+from cosim_master.verdict.monitors.declared import NEAR, Age
+from cosim_master.verdict.monitors.rules import Samples
 from cosim_master.verdict.monitors.violations import Violations
 
 __all__ = ["AgeRule"]

@@ -56,6 +56,8 @@ __all__ = [
     "monitors_of",
 ]
 
+NEAR = 1e-9
+"""s by which a communication point, computed from integers, may differ from a time as written."""
 ANNOTATION = "org.uav-cosim.monitors"
 _KINDS = ("order", "separation", "limit", "fence", "convergence", "age", "formula")
 Quantity = Literal["value", "magnitude", "tilt"]
@@ -196,7 +198,9 @@ def _signals(monitor: Monitor) -> Iterable[Signal]:
     return ()
 
 
-def monitors_of(checked: CheckedSystem, network: Network | None, clock: TimeGrid | None) -> Monitors:
+def monitors_of(
+    checked: CheckedSystem, network: Network | None, clock: TimeGrid | None, *, gridless: bool = False
+) -> Monitors:
     """Returns the monitors that a system declares.
 
     Args:
@@ -222,18 +226,34 @@ def monitors_of(checked: CheckedSystem, network: Network | None, clock: TimeGrid
         root.problem(f'{counted[name]} monitors have the name "{name}": give each a name of its own')
     if problems:
         raise SystemDescriptionError(problems)
-    notes = () if clock is None else _notes(found, clock.time(clock.steps))
+    steps = round(interval / base) if interval and base else 0 if gridless else 1
+    notes = () if clock is None else _notes(found, clock, steps)
     return Monitors(tuple(found), interval or None, tuple(notes))
 
 
-def _notes(monitors: Iterable[Monitor], stop: float) -> Iterator[str]:
-    """Yields notes about the monitors that judge nothing before the end of the run."""
+def _notes(monitors: Iterable[Monitor], clock: TimeGrid, steps: int) -> Iterator[str]:
+    """Yields notes about the monitors that judge nothing before the end of the run.
+
+    Args:
+        steps: base steps between the instants that are judged; 0: they are not known before the run.
+    """
+    begin, stop = clock.time(0), clock.time(clock.steps)
     for one in monitors:
+        first = math.ceil((max(one.start, begin) - begin - NEAR) / clock.seconds(steps)) * steps if steps else 0
         if one.start > stop:
             yield f"monitor {one.name} judges nothing: it starts at {one.start:g} s, and the run stops at {stop:g} s"
         elif isinstance(one, FormulaMonitor) and max(one.start, 0.0) + one.formula.horizon > stop:
-            ahead = one.formula.horizon
-            yield f"monitor {one.name} judges nothing: it looks {ahead:g} s ahead, and the run stops at {stop:g} s"
+            told = f"looks {one.formula.horizon:g} s ahead"
+            if one.start > begin:
+                told = f"starts at {one.start:g} s and {told}"
+            yield f"monitor {one.name} judges nothing: it {told}, and the run stops at {stop:g} s"
+        elif (
+            isinstance(one, Limit | Convergence | Fence | FormulaMonitor)
+            and steps
+            and (first > clock.steps or clock.time(first) > one.stop + NEAR)
+        ):
+            every = f"every {clock.seconds(steps):.9g} s from {begin:g} s on"
+            yield f"monitor {one.name} judges nothing: no instant lies between its start and stop; they come {every}"
 
 
 def _in_order(root: Attributes) -> list[tuple[str, Attributes]]:
@@ -305,6 +325,10 @@ class _Reader:
         least, most = -math.inf if least is None else least, math.inf if most is None else most
         if least > most:
             one.problem(f'least="{least:g}" is greater than most="{most:g}"')
+        for name, bound in (("least", least), ("most", most)):
+            if signals and signals[0].quantity == "tilt" and math.pi < bound < math.inf:
+                text = f'{name}="{bound:g}" is more than any tilt, which is in rad and at most pi'
+                one.problem(f"{text}; {bound:g} degrees are {math.radians(bound):.4g}")
         return Limit(*self._common(kind, one), signals, least, most)
 
     def _fence(self, kind: str, one: Attributes) -> Monitor:

@@ -6,8 +6,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from cosim_master.verdict.monitors.declared import Order, Separation
-from cosim_master.verdict.monitors.rules import NEAR, Place, Samples, judge
+from cosim_master.verdict.monitors.declared import NEAR, Order, Separation
+from cosim_master.verdict.monitors.rules import Place, Samples, judge
 from cosim_master.verdict.monitors.violations import Violations
 from cosim_master.verdict.watching.approach import FEW, box, closest, pairs_within
 

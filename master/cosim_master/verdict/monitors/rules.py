@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from cosim_master.verdict.monitors.declared import Convergence, Fence, FormulaMonitor, Limit, Monitor, Signal
+from cosim_master.verdict.monitors.declared import NEAR, Convergence, Fence, FormulaMonitor, Limit, Monitor, Signal
 from cosim_master.verdict.monitors.formula import TIME
 from cosim_master.verdict.monitors.temporal import Evaluation
 from cosim_master.verdict.monitors.violations import Violations
@@ -21,8 +21,6 @@ __all__ = ["ConvergenceRule", "FenceRule", "FormulaRule", "LimitRule", "NEAR", "
 Array: TypeAlias = np.ndarray[Any, Any]
 Place: TypeAlias = Callable[[tuple[str, str]], int]
 """The column of a variable (instance, variable) in `Samples.values`."""
-NEAR = 1e-9
-"""s by which a communication point, computed from integers, may differ from a time as written."""
 
 
 class Samples:

@@ -79,8 +79,9 @@ class Watch:
         self._real_places = np.array(columns.reals, dtype=np.intp)
         self._integer_places = np.array(columns.integers, dtype=np.intp)
         self._times = np.zeros(self._rows)
-        self._reals = np.zeros((self._rows, len(self._real_places)))
-        self._integers = np.zeros((self._rows, len(self._integer_places)), dtype=np.int32)
+        # One column at least: what a vehicle or an autopilot lacks has the place 0, and is not used.
+        self._reals = np.zeros((self._rows, max(1, len(self._real_places))))
+        self._integers = np.zeros((self._rows, max(1, len(self._integer_places))), dtype=np.int32)
         self._used = 0
         self.start: Array | None = None
         self.recalled = False  # whether it continues from the findings before a checkpoint
@@ -96,8 +97,8 @@ class Watch:
         """Copies the watched values."""
         row = self._used
         self._times[row] = self.end = seen.time
-        np.take(seen.reals, self._real_places, out=self._reals[row])
-        np.take(seen.integers, self._integer_places, out=self._integers[row])
+        np.take(seen.reals, self._real_places, out=self._reals[row, : len(self._real_places)])
+        np.take(seen.integers, self._integer_places, out=self._integers[row, : len(self._integer_places)])
         self._used += 1
         if self._used == self._rows:
             self.settle()

@@ -71,6 +71,7 @@ def test_poses_of_a_file(tmp_path: Path) -> None:
         ("north,east\n1,2\n1\n", "poses.csv:3: has not 2 values, one for each of north, east"),
         ("north,east\n1,2,3\n", "poses.csv:2: has not 2 values"),
         ("north,east,name\n1,2,a\n3,4,\n5,6,\n7,8, a\n", 'poses.csv:5: name="a" is that of line 2, too; give each'),
+        ("north,east\n1,1_0\n", 'poses.csv:2: east="1_0" must be a number in m'),
         ("north,east\n1,two\n", 'poses.csv:2: east="two" must be a number in m'),
         ("north,east\nINF,2\n", 'poses.csv:2: north="INF" must be a number in m'),
     ],

@@ -219,6 +219,10 @@ def test_links_go_both_ways(swarm: Any) -> None:
             "both together from 0.0001 to 1: a burst of 1/burstEnd packets",
         ),
         ("", '<link between="d1 d2" burstStart="0.5"/>', "bursts begin with burstStart=0.5 and end with burstEnd=1"),
+        ('burstLoss="0.9"', "", "burstLoss is for bursts, and none begins: give burstStart, the probability that one"),
+        ("", '<link between="d1 d2" burstEnd="0.5"/>', "burstEnd is for bursts, and none begins: give burstStart"),
+        ('loss="0_1"', "", 'loss="0_1" must be a number from 0 to 1'),
+        ('hops="1_0"', "", 'hops="1_0" must be a whole number from 1 to 255'),
         ('bitErrors="0.6"', "", 'bitErrors="0.6" must be a number from 0 to 0.5'),
         ('rayleigh="yes"', "", 'rayleigh="yes": valid are true, false'),
         ('shadowing="6"', "", "shadowing is for signals that can be too weak: give sensitivity, in dBm"),
@@ -272,6 +276,15 @@ def test_what_is_wrong_and_where(swarm: Any, workshop: Any, attributes: str, inn
         shown = lines[int(place[2]) - 1]
         # lxml gives the line on which an element's start tag ends
         assert "<network" in shown or attributes in shown or inner in shown
+
+
+@pytest.mark.parametrize("setting", ['range="10"', 'topology="nearest"', 'sensitivity="-90"'])
+def test_a_position_is_in_metres(workshop: Any, variable: Any, swarm: Any, setting: str) -> None:
+    velocity = [variable(f"velocity[{i}]", "output", unit="m/s") for i in (1, 2, 3)]
+    workshop.fmu("vehicle.fmu", *velocity, step="0.01")
+    found = problems(swarm, network(f'{setting} position="vehicle.velocity"'))
+    assert "need positions in m; velocity[1] of node d1 is in m/s: name the outputs of its position" in found[0]
+    assert len(found) == 3
 
 
 def test_all_problems_come_at_once(swarm: Any) -> None:

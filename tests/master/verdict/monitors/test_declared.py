@@ -127,6 +127,8 @@ def test_a_system_without_monitors_has_none(prepared: Any) -> None:
         ('<limit signals="*.velocity" quantity="tilt" most="1"/>', "velocity has 3 elements: the tilt is"),
         ('<limit signals="*.target" quantity="norm" most="1"/>', 'quantity="norm": valid are value, magnitude, tilt'),
         ('<limit signals="*.target" least="2" most="1"/>', 'least="2" is greater than most="1"'),
+        ('<limit signals="*.attitude" quantity="tilt" most="30"/>', 'most="30" is more than any tilt, which is in rad '
+         "and at most pi; 30 degrees are 0.5236"),
         ("<fence/>", "it needs a polygon, a radius, a floor or a ceiling"),
         ('<fence polygon="0 0 1 1"/>', "polygon has 4 numbers: it needs north and east of at least three corners"),
         ('<fence polygon="0 0 1 1 a"/>', 'polygon="0 0 1 1 a" must be numbers, separated by spaces'),
@@ -182,5 +184,30 @@ def test_monitors_that_judge_nothing_are_noted(prepared: Any) -> None:
     content += '<formula text="eventually[0,8] time > 2" start="2"/>'
     assert prepared(content).notes[-2:] == (
         "monitor separation judges nothing: it starts at 11 s, and the run stops at 10 s",
-        "monitor formula judges nothing: it looks 8 s ahead, and the run stops at 10 s",
+        "monitor formula judges nothing: it starts at 3 s and looks 8 s ahead, and the run stops at 10 s",
     )
+
+
+@pytest.mark.parametrize(
+    ("monitor", "interval", "every"),
+    [
+        ('<limit signals="*.target" most="5" start="1" stop="4"/>', 'interval="5"', 5.0),
+        ('<fence radius="5" start="5.5" stop="9.5"/>', 'interval="5"', 5.0),
+        ('<convergence signals="*.target" goal="5" amplitude="4" time="1" start="11.001" stop="11.009"/>', "", 0.0),
+        ('<limit signals="*.target" most="5" start="1.001" stop="1.009"/>', "", 0.01),
+        ('<formula text="time > 2" start="3" stop="3"/>', 'interval="0.07"', 0.07),
+    ],
+)
+def test_monitors_between_whose_times_no_instant_lies_are_noted(
+    prepared: Any, monitor: str, interval: str, every: float
+) -> None:
+    (note,) = [one for one in prepared(monitor, interval).notes if "judges nothing" in str(one)]
+    text = f"no instant lies between its start and stop; they come every {every:g} s from 0 s on"
+    assert note.endswith(text if every else "it starts at 11.001 s, and the run stops at 10 s")
+
+
+def test_monitors_that_judge_one_instant_are_not_noted(prepared: Any) -> None:
+    content = '<limit signals="*.target" most="5" start="5" stop="5"/><limit signals="*.target" most="5" stop="0"/>'
+    content += '<limit signals="*.target" most="5" start="4.5"/><separation least="1" start="1" stop="2"/>'
+    content += '<formula text="time > 2" start="10" stop="10"/>'
+    assert not [one for one in prepared(content, 'interval="5"').notes if "judges nothing" in str(one)]

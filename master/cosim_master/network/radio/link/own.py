@@ -151,6 +151,11 @@ def _function(own: OwnChannel) -> Any:
 
 def _problem(own: OwnChannel, text: str) -> Problem:
     """Returns a message of numba's with the last line that it names in the file."""
+    if "Function(<class 'float'>)" in text:  # of the value that the function returns
+        functions = [one for one in ast.parse(own.code).body if isinstance(one, ast.FunctionDef)]
+        line = next(one.lineno for one in functions if one.name == FUNCTION)
+        wanted = "returns no number: return the delay in s as a float, such as packet.delay, or -1.0 to lose the packet"
+        return Problem(Where(str(own.path), line), f"{FUNCTION} {wanted}")
     lines = [int(line) for file, line in _LINE.findall(text) if file == own.path.name]
     plain = [one.strip() for one in text.splitlines() if one.strip()]
     first = next((one for one in plain if not one.startswith(_HEADS)), plain[0] if plain else "")

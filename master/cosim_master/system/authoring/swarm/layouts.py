@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.files.xml import number as plain_number
 
 __all__ = ["LAYOUTS", "Pose", "laid_out", "poses_of_file"]
 
@@ -141,7 +142,7 @@ def poses_of_file(file: Path) -> tuple[Pose, ...]:
 
 def _metres(name: str, text: str) -> float:
     try:
-        value = float(text)
+        value = plain_number(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -90,7 +90,7 @@ def _span(child: Attributes, what: str) -> tuple[float, float]:
 
 def read_outage(child: Attributes, nodes: Sequence[Node]) -> tuple[str, float, float]:
     """Reads an `outage`: node, start and stop [s]. Problems are reported to the reader."""
-    names = {node.name for node in nodes}
+    names = [node.name for node in nodes]
     name = child.text("node", "")
     start, stop = _span(child, "outage")
     child.finish()
