@@ -20,6 +20,8 @@ from cosim_master.campaigns.dataset.folder import Folder
 from cosim_master.campaigns.study.study import Study
 from cosim_master.cli import app, err, out
 from cosim_master.cli.terminal import progress
+from cosim_master.cli.verbs import run as verb_run
+from cosim_master.execution.outcome.result import Outcome, RunResult
 from tests.master.fmus.probe import model
 from tests.master.full_disk import room_of
 
@@ -225,6 +227,20 @@ def test_a_campaign_goes_on_without_options_of_its_study(run: Any, tmp_path: Pat
         pass
     text = "error: study holds a campaign, which goes on as it began; leave out all options of the study\n"
     assert run("sweep", "study", *words.split()) == (2, "", text)
+
+
+def test_a_value_for_a_connected_input_is_noted(run: Any, system: Path) -> None:
+    """It is legal, and the guess with which a loop begins; but what it sets is overwritten."""
+    _, _, stderr = run("run", str(system), "--set", "b.u=7", "--set", "a.p=2")
+    found = [line for line in stderr.splitlines() if "before the first step only" in line]
+    assert found == ["note: --set b.u=7.0 holds before the first step only: the input is connected"]
+
+
+def test_malformed_packets_are_counted_on_the_last_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    counts = {"sent": 5, "delivered": 4, "lost": 1}
+    for more, text in (({}, ""), ({"malformed": 2}, ", 2 malformed")):
+        verb_run._report(RunResult(Outcome.DONE, None, packets={**counts, **more}))
+        assert f"packets: 5 sent, 4 delivered, 1 lost{text}\n" in capsys.readouterr().out
 
 
 def test_patterns_of_signals_are_refused_where_they_are_written(run: Any, system: Path) -> None:

@@ -472,6 +472,7 @@ def _report(result: RunResult) -> None:
         n = result.restarts
         restarts = f", after {n} restart{'s' if n > 1 else ''} of FMUs that crashed" if n else ""
         counts = ", ".join(f"{packets.get(name, 0)} {name}" for name in ("sent", "delivered", "lost"))
+        counts += f", {bad} malformed" if (bad := packets.get("malformed", 0)) else ""
         counts += f", {flying} still in flight" if (flying := packets.get("in flight", 0)) else ""
         say(
             f"{result.outcome}{summary(result.verdict)}{restarts}: {result.simulated_s:g} s simulated in "

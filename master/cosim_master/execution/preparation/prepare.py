@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
@@ -110,6 +110,8 @@ def prepare(
         gathered(lambda: master.check(checked, clock.base, clock.periods, clock.per_ns))
     if problems:
         raise SystemDescriptionError(problems)
+    if late := [*_unused_times(network, clock.time(0), clock.time(clock.steps))]:
+        checked = replace(checked, notes=(*checked.notes, *late))
     every = 1
     if recording.interval is not None:
         interval = exact(recording.interval) or Fraction(0)
@@ -139,3 +141,14 @@ def _default_step(checked: CheckedSystem, until: float | None) -> float | None:
     if not is_alone or stop <= checked.start_time or checked.instances[0].step_size is not None:
         return None
     return output_interval(stop - checked.start_time)
+
+
+def _unused_times(network: Network, begin: float, end: float) -> Iterator[str]:
+    """Yields notes on disturbances of the radio that begin after a run, or end before it."""
+    times = [(f"the outage of {name}", start, stop) for name, start, stop in network.outages]
+    times += [(f"the partition of {', '.join(one.nodes[:3])}", one.start, one.stop) for one in network.partitions]
+    times += [("the jamming", one.start, one.stop) for one in network.jamming]
+    for what, start, stop in times:
+        if start >= end or stop <= begin:
+            span = f"from {start:g} s to {stop:g} s" if stop < math.inf else f"from {start:g} s on"
+            yield f"{what} {span} has no effect: the run goes from {begin:g} s to {end:g} s"

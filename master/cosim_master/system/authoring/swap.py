@@ -23,6 +23,7 @@ from cosim_master.system import shipped
 from cosim_master.system.authoring.fitting import companions, having, lacking, misfits
 from cosim_master.system.authoring.text.sources import references
 from cosim_master.system.flatten.check import check
+from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.read import FMU_TYPE, ROOT_DOCUMENT, SSP_TYPE, read_system
 from cosim_master.system.structure import Component, Element, System, SystemStructure
 
@@ -76,7 +77,7 @@ def swap(
         if out is None and not Path(system).exists():
             raise _refusal(str(system), "a shipped system is not changed in place; give a path for the new one")
         path = path.parent.resolve() / path.name
-        _check_fit(structure, chains, path)
+        kept = _check_fit(structure, chains, path)
         target = Path(system) if out is None else Path(out)
         if out is not None and target.exists():
             raise _refusal(str(target), "exists already; give a path that does not")
@@ -86,7 +87,8 @@ def swap(
     for name, (other, _) in others.items():
         swap(target, name, other)
     if note is not None:
-        for text in (*(f"{name} is now {other.stem}: {reason}" for name, (other, reason) in others.items()), *unfit):
+        now = [f"{name} is now {other.stem}: {reason}" for name, (other, reason) in others.items()]
+        for text in (*kept, *now, *unfit):
             note(text)
     return target
 
@@ -225,8 +227,12 @@ def _check_kind(chains: Sequence[Sequence[Element]], fmu: Path) -> None:
         raise SystemDescriptionError(dict.fromkeys(problems))
 
 
-def _check_fit(structure: SystemStructure, chains: Sequence[Sequence[Element]], fmu: Path) -> None:
-    """Checks the changed system. Here, a parameter that the new FMU lacks is a mismatch, not a note."""
+def _check_fit(structure: SystemStructure, chains: Sequence[Sequence[Element]], fmu: Path) -> list[str]:
+    """Checks the changed system. Here, a parameter that the new FMU lacks is a mismatch, not a note.
+
+    Returns:
+        Notes on values that the system sets, where the two FMUs have different ones of their own.
+    """
     _check_kind(chains, fmu)
     gone = {one[-1].where for one in chains if isinstance(one[-1], Component) and one[-1].source is None}
     # The old FMU may be swapped because it is missing.
@@ -244,6 +250,27 @@ def _check_fit(structure: SystemStructure, chains: Sequence[Sequence[Element]], 
         raise SystemDescriptionError(
             Problem(item.where, f'{fmu.name} has no parameter for "{item.name}"; {item.hint}') for item in lost
         )
+    return [*_kept(checked, chains, fmu)]
+
+
+def _kept(checked: CheckedSystem, chains: Sequence[Sequence[Element]], fmu: Path) -> Iterator[str]:
+    """Yields notes on values for the old FMU, one for each parameter, which the new one would have otherwise."""
+    new, olds, told = _described(fmu), dict[Path, FmuDescription | None](), set[str]()
+    for chain in chains:
+        source, instance = getattr(chain[-1], "source", None), ".".join(element.name for element in chain)
+        if new is None or source is None:
+            continue
+        if source not in olds:
+            olds[source] = _described(source)
+        if (old := olds[source]) is None:
+            continue
+        for (owner, name), made in checked.assignments.items():
+            if owner != instance or name in told or name not in old.variables or name not in new.variables:
+                continue
+            own, value = new.variables[name].start, made[-1].value
+            if own is not None and own != old.variables[name].start and own != value:
+                told.add(name)
+                yield f"{instance}.{name} stays {made[-1].text}, as {made[-1].where} has it; {fmu.name} alone has {own}"
 
 
 def _exchanged(system: System, path: tuple[str, ...], targets: set[tuple[str, ...]], fmu: Path) -> System:

@@ -30,7 +30,7 @@ from cosim_master.system.flatten.flat import (
     natural,
 )
 from cosim_master.system.flatten.init_order import Stage, exchange_order
-from cosim_master.system.flatten.parameters import Bindings
+from cosim_master.system.flatten.parameters import OPTION, Bindings
 from cosim_master.system.flatten.topology.components import Part, Port, assemble, measure
 from cosim_master.system.flatten.topology.sizes import check_sizes
 from cosim_master.system.flatten.topology.wiring import Wiring
@@ -101,6 +101,7 @@ class _Check:
         order = self._initial_order(links, {instance.name: instance.fmu for instance in instances})
         self._assumptions(wiring, bindings, fmus, instances)
         self._silent_clocks(instances, links)
+        self._set_and_driven(bindings, links)
         self._wide_items(instances, links)
         if self.problems:
             raise SystemDescriptionError(dict.fromkeys(self.problems))
@@ -118,6 +119,14 @@ class _Check:
             assignments={key: tuple(made) for key, made in bindings.history.items()},
             settings=self.settings,
         )
+
+    def _set_and_driven(self, bindings: Bindings, links: tuple[FlatConnection, ...]) -> None:
+        """Notes values of --set for inputs that are connected: they hold until the first exchange of values."""
+        driven = {link.target for link in links}
+        for key, made in bindings.history.items():
+            if key in driven and made[-1].where == OPTION:
+                given = f"{'.'.join(key)}={made[-1].text}"
+                self.notes.append(f"--set {given} holds before the first step only: the input is connected")
 
     def _initial_order(
         self, links: tuple[FlatConnection, ...], fmus: Mapping[str, FmuDescription]

@@ -32,11 +32,11 @@ from cosim_master.system.structure import (
     Value,
 )
 
-__all__ = ["Assignment", "Bindings", "Unmatched"]
+__all__ = ["OPTION", "Assignment", "Bindings", "Unmatched"]
 
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 _FLOATS = ("Real", "Float32")
-_OPTION = Where("--set")
+OPTION = Where("--set")
 _NAMED = 5
 """Number of variables that a message names."""
 
@@ -182,7 +182,7 @@ class Bindings:
                 close = alike(name, self._settable())
                 hint = did_you_mean(close) if close else _hint(root, name)
                 message = f'there is no variable "{name}"; {hint}{remark}'
-                self._problems.append(Problem(_OPTION, message))
+                self._problems.append(Problem(OPTION, message))
             for part, target in matches:
                 if target is None:
                     continue
@@ -190,7 +190,7 @@ class Bindings:
                 kind = "Real" if kind == "Clock" else kind
                 if isinstance(target, Port):
                     kind = kind or next((item.type for _, item, _ in self._driven(target)), None)
-                parameter = self._from_text(name, text, kind, items, _OPTION)
+                parameter = self._from_text(name, text, kind, items, OPTION)
                 if parameter is not None:
                     self._applied = root, name, parameter
                     self._assign(part, target, parameter)
@@ -216,7 +216,7 @@ class Bindings:
         found = matching(pattern, named)
         if not found and not broken:
             text = f'"{pattern}" matches no variable; {near_pattern(pattern, named)}'
-            self._problems.append(Problem(_OPTION, text))
+            self._problems.append(Problem(OPTION, text))
         refused: dict[str, list[str]] = {}
         for name in found:
             target = named[name][1]
@@ -225,7 +225,7 @@ class Bindings:
         for trouble, names in refused.items():
             some = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
             text = f'"{pattern}" matches {len(found)} variables, and {len(names)} of them {trouble}: {some}'
-            self._problems.append(Problem(_OPTION, text))
+            self._problems.append(Problem(OPTION, text))
         return [] if refused else [named[name] for name in found]
 
     def _from_text(

@@ -490,3 +490,15 @@ def test_a_moved_system_says_how_it_is_moved(system: Path, tmp_path: Path) -> No
     with pytest.raises(SystemDescriptionError) as caught, read_system(system) as structure:
         check(structure)
     assert str(caught.value).endswith('no file "' + f'{system / "values.ssv"}"')  # it lies in the system
+
+
+def test_a_value_that_was_for_the_old_fmu_is_told(fmus: Path, tmp_path: Path) -> None:
+    """The laws have a parameter of the same name, and another gain of their own; for others, nothing is said."""
+    notes: list[str] = []
+    swap("rendezvous", "drone*.agent", fmus / "Coverage.fmu", tmp_path / "covers", notes.append)
+    (told,) = [one for one in notes if " stays " in one]
+    start, end = "drone1.agent.gain stays 0.1, as ", "rendezvous.ssv:10 has it; Coverage.fmu alone has 0.5"
+    assert told.startswith(start) and told.endswith(end)
+    notes.clear()
+    swap("line5", "drone3.vehicle", fmus / "Hexarotor.fmu", tmp_path / "hexa", notes.append)
+    assert not [one for one in notes if " stays " in one]

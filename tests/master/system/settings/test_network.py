@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.preparation.prepare import prepare
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import Jamming, Network, Partition, network_of
@@ -569,3 +570,27 @@ def test_an_own_channel_that_cannot_be_used(swarm: Any, tmp_path: Path) -> None:
     (tmp_path / "rain.py").write_text("def channel(packet):\n    return 1.0 +\n")
     (found,) = problems(swarm, network('channel="rain.py"'))
     assert found == f"{tmp_path / 'rain.py'}:2: is not Python: invalid syntax"
+
+
+@pytest.mark.parametrize(
+    ("inner", "note"),
+    [
+        (
+            '<outage node="d2" start="200" stop="300"/>',
+            "the outage of d2 from 200 s to 300 s has no effect: the run goes",
+        ),
+        (
+            '<outage node="d2" start="10"/>',
+            "the outage of d2 from 10 s on has no effect: the run goes from 0 s to 10 s",
+        ),
+        ('<partition nodes="d1 d2" start="3000"/>', "the partition of d1, d2 from 3000 s on has no effect"),
+        ('<jamming radius="5" start="11"/>', "the jamming from 11 s on has no effect: the run goes from 0 s to 10 s"),
+        ('<outage node="d2" start="9"/><jamming radius="5"/><partition nodes="d1" stop="1"/>', ""),
+    ],
+)
+def test_disturbances_outside_of_the_run_are_noted(swarm: Any, workshop: Any, inner: str, note: str) -> None:
+    swarm(network("", inner))
+    with read_system(workshop.root / "s.ssd") as structure:
+        ready = prepare(check(structure), until=10.0)
+    found = [one for one in map(str, ready.notes) if "has no effect" in one]
+    assert len(found) == bool(note) and all(one.startswith(note) for one in found)
