@@ -12,11 +12,11 @@ from pathlib import Path
 
 from cosim.verdict import Values
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.fmi.description.read import FmuDescription, describe, mentions
+from cosim_master.fmi.description.read import FmuDescription, Start, describe, mentions
 from cosim_master.system import shipped
 from cosim_master.system.structure import Connector, System
 
-__all__ = ["companions", "having", "lacking", "misfits"]
+__all__ = ["companions", "having", "lacking", "misfits", "own_start"]
 
 
 def misfits(system: System, fmus: Mapping[str, FmuDescription]) -> Iterator[tuple[str, str, tuple[int, ...], str]]:
@@ -110,3 +110,14 @@ def _fitting(name: str, values: set[int], like: set[str], folders: Iterable[Path
         return best[1]
     unbuilt = shipped.accepting(name, values)
     return None if unbuilt is None else describe(unbuilt)
+
+
+def own_start(name: str, value: object, old: FmuDescription, new: FmuDescription) -> Start | None:
+    """Returns the start value that an FMU declares itself, if `value` hides it and was meant for the FMU before it.
+
+    That is so if the two declare different values: what both declare alike, a system sets for any of them.
+    """
+    if name not in old.variables or name not in new.variables:
+        return None
+    own = new.variables[name].start
+    return own if own is not None and own != old.variables[name].start and own != value else None

@@ -20,7 +20,7 @@ from cosim_master.files import archive
 from cosim_master.files.whole import write_whole, writing
 from cosim_master.fmi.description.read import FmuDescription, describe
 from cosim_master.system import shipped
-from cosim_master.system.authoring.fitting import companions, having, lacking, misfits
+from cosim_master.system.authoring.fitting import companions, having, lacking, misfits, own_start
 from cosim_master.system.authoring.text.sources import references
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
@@ -265,10 +265,9 @@ def _kept(checked: CheckedSystem, chains: Sequence[Sequence[Element]], fmu: Path
         if (old := olds[source]) is None:
             continue
         for (owner, name), made in checked.assignments.items():
-            if owner != instance or name in told or name not in old.variables or name not in new.variables:
+            if owner != instance or name in told:
                 continue
-            own, value = new.variables[name].start, made[-1].value
-            if own is not None and own != old.variables[name].start and own != value:
+            if (own := own_start(name, made[-1].value, old, new)) is not None:
                 told.add(name)
                 yield f"{instance}.{name} stays {made[-1].text}, as {made[-1].where} has it; {fmu.name} alone has {own}"
 

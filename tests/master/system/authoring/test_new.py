@@ -373,3 +373,11 @@ def test_libcosim_reads_a_drone(fmus: Path, tmp_path: Path) -> None:
     sent, received = values  # the input is that of the step before; the drone stands
     assert sent == pytest.approx(received, rel=1e-14)
     assert sent == pytest.approx(-9.81, abs=0.02)
+
+
+def test_a_value_that_was_for_another_law_is_told(fmus: Path, tmp_path: Path) -> None:
+    notes: list[str] = []
+    fleet = {"agent": ("Coverage",), "vehicle": ("Hexarotor",)}
+    new_system("rendezvous", 5, tmp_path / "covers", fmus=fmus, fleet=fleet, note=notes.append)
+    text = "agent.gain stays 0.1, as rendezvous has it; Coverage.fmu alone has 0.5"
+    assert [one for one in notes if " stays " in one] == [text]

@@ -31,6 +31,7 @@ from lxml import etree
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi.description.read import FmuDescription, describe
 from cosim_master.system import shipped
+from cosim_master.system.authoring.fitting import own_start
 from cosim_master.system.authoring.swarm.drone import Declared, Drone, declared, described, found_fmu, wired_by_name
 from cosim_master.system.authoring.swarm.layouts import LAYOUTS, Pose, laid_out, poses_of_file
 from cosim_master.system.authoring.swarm.scenario import Scenario, scenario_of
@@ -151,7 +152,7 @@ def new_system(
         if until is None:
             until = math.ceil(law.settled / 10.0) * 10.0
     swarm = Swarm(folder.name, like=pattern, stop_time=until, fmus=fmus or _FMUS)
-    for text in swarm.notes:
+    for text in (*swarm.notes, *_kept(scenario, pattern.drone, fleet or {}, fmus or _FMUS)):
         if note is not None:
             note(text)
     names = {
@@ -266,6 +267,18 @@ def _kinds(drone: Drone, given: Sequence[Mapping[str, str]], folder: Path) -> li
             known[key] = declared({**drone.fmus, **{part: fmus[name] for part, name in own.items()}})
         found.append(known[key])
     return found
+
+
+def _kept(scenario: str, drone: Drone, fleet: Fleet, folder: Path) -> Iterator[str]:
+    """Yields notes on values that the scenario has for its own FMUs, which the replacing ones would have otherwise."""
+    new = described({name: found_fmu(name, folder) for files in fleet.values() for name in files})
+    parameters = [(b.prefix + p.name, p.value) for b in drone.system.parameter_bindings for p in b.parameters]
+    for part, files in fleet.items():
+        for path, value in parameters:
+            owner, _, name = path.partition(".")
+            for file in dict.fromkeys(files if owner == part and part in drone.fmus else ()):
+                if (own := own_start(name, value, drone.fmus[part], new[file])) is not None:
+                    yield f"{path} stays {value}, as {scenario} has it; {new[file].path.name} alone has {own}"
 
 
 # ---- positions and neighbours -------------------------------------------------------------------------------------
