@@ -264,7 +264,7 @@ def whole(text: str, low: int, high: int) -> int | None:
     return int(text)
 
 
-def number(text: str) -> float:
+def plain_number(text: str) -> float:
     """Returns the number that a person has written: as `float` reads it, but without underscores and foreign digits.
 
     Raises:

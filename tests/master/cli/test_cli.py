@@ -141,6 +141,8 @@ def test_options_of_run(run: Any, system: Path, tmp_path: Path) -> None:
         (("--set", "a.q=1"), 'error: --set: there is no variable "a.q"'),
         (("--set", "c.p=1"), 'error: --set: there is no variable "c.p"'),
         (("--set", "a.p=much"), 'error: --set: a.p: "much" is not of its type; valid: a number'),
+        (("--set", "a.p=1_5"), 'error: --set: a.p: "1_5" is not of its type; valid: a number'),
+        (("--set", "a.mode=1_0"), 'error: --set: a.mode: "1_0" is not of its type; valid: an integer'),
         (("--set", "a.mode=1.5"), 'error: --set: a.mode: "1.5" is not of its type; valid: an integer'),
         (("--until", "1.3"), "a run of 1.3 s is not a multiple of the base step 0.5 s; try --until 1.5"),
         (("--until", "soon"), "Invalid value for '--until'"),

@@ -226,6 +226,9 @@ def test_everything_wrong_with_a_file_of_inputs(dynamics: Any, tmp_path: Path) -
         f'{at}6: u = "nan": valid: a finite number',
         f'{at}7: time "x" is not a number',
     ]
+    assert problems("time,u\n0,5_0\n") == [f'{at}2: u = "5_0": valid: a finite number']
+    text = "it has only the column time, and so sets nothing; add a column for each input"
+    assert problems("time\n0\n") == [f"{at}1: {text}"]
     assert problems("time,u\n")[0].startswith(f"{stimuli}: needs a row of names")
     many = problems("time,u\n" + "0,x\n" * 50)
     assert len(many) == 21 and many[-1] == f"{stimuli}: and 30 more problems"

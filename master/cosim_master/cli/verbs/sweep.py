@@ -145,7 +145,7 @@ def sweep(
 
         if is_campaign(Path(system)):
             study_too = vary, metric, keep, settings, at, seeds, folder, optimise, trials, until, step, variant, solver
-            if sample != "grid" or any(one is not None for one in study_too):
+            if sample != "grid" or any(study_too):  # numbers are positive
                 raise usage(f"{system} holds a campaign, which goes on as it began; leave out all options of the study")
             study, folder = read_study(Path(system))[0], Path(system)
         else:

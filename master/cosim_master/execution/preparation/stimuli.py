@@ -25,7 +25,7 @@ import numpy as np
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import near
-from cosim_master.files.xml import number as plain_number
+from cosim_master.files.xml import plain_number
 from cosim_master.fmi.description.interpolation import interpolated
 from cosim_master.fmi.description.read import Start, Variable
 from cosim_master.system.flatten.flat import CheckedSystem

@@ -34,7 +34,7 @@ from cosim.naming import AUTOPILOT
 from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, find, has_crc, message_id
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import ADDRESS
-from cosim_master.files.xml import number as plain_number
+from cosim_master.files.xml import plain_number
 from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.network.gateways.signing import Signing, read_key
 from cosim_master.network.gateways.sockets import KINDS, Socket, open_socket

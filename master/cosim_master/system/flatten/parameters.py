@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from cosim_master.diagnostics.errors import Finding, Problem, Where
 from cosim_master.diagnostics.limitations import MAPPED_BACK, SIGNAL_START
 from cosim_master.diagnostics.names import alike, did_you_mean, is_pattern, matching, near, near_pattern
-from cosim_master.files.xml import number as plain_number
+from cosim_master.files.xml import plain_number, whole
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.description.units import UndefinedUnit, Unit, UnitError, conversion
 from cosim_master.fmi.description.variables import INTEGER_RANGES
@@ -239,7 +239,9 @@ class Bindings:
             elif kind == "Boolean":
                 value = _BOOLEANS[text.strip().lower()]
             elif kind in INTEGER_RANGES or (kind == "Enumeration" and text.strip() not in (items or {})):
-                kind, value = "Integer", int(text)
+                if (found := whole(text, -(2**63), 2**64 - 1)) is None:
+                    raise ValueError(f"{text} is no integer")
+                kind, value = "Integer", found
             else:
                 kind, value = kind or "String", text.strip() if kind == "Enumeration" else text
         except (ValueError, KeyError):

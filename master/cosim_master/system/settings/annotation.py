@@ -13,8 +13,7 @@ from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, Where
 from cosim_master.diagnostics.names import near, similar
-from cosim_master.files.xml import line_of, whole
-from cosim_master.files.xml import number as plain_number
+from cosim_master.files.xml import line_of, plain_number, whole
 from cosim_master.system.flatten.flat import CheckedSystem
 
 __all__ = ["NAMESPACE", "Attributes", "root_annotation"]

@@ -6,15 +6,19 @@ import hashlib
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from lxml import etree
 
-from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.execution.preparation.prepare import prepare
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
+from cosim_master.system.settings.annotation import Attributes
 from cosim_master.system.settings.network import Jamming, Network, Partition, network_of
+from cosim_master.system.settings.radio.disturbances import read_outage
 from cosim_master.system.settings.radio.obstacles import Obstacle
 
 NAMESPACE = "https://uav-cosim.org/ns/1"
@@ -594,3 +598,11 @@ def test_disturbances_outside_of_the_run_are_noted(swarm: Any, workshop: Any, in
         ready = prepare(check(structure), until=10.0)
     found = [one for one in map(str, ready.notes) if "has no effect" in one]
     assert len(found) == bool(note) and all(one.startswith(note) for one in found)
+
+
+def test_names_that_may_be_meant_come_in_the_order_of_the_nodes() -> None:
+    """Not in that of a set, which is another one in each process."""
+    found: list[Problem] = []
+    nodes: Any = [SimpleNamespace(name=f"drone{i}") for i in range(1, 9)]
+    read_outage(Attributes(etree.fromstring('<outage node="drone*"/>'), Where("s.ssd", 1), found), nodes)
+    assert found[0].message.endswith('there is no such radio node; did you mean "drone1" or "drone2" or "drone3"?')

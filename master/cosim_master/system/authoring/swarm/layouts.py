@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
-from cosim_master.files.xml import number as plain_number
+from cosim_master.files.xml import plain_number
 
 __all__ = ["LAYOUTS", "Pose", "laid_out", "poses_of_file"]
 
