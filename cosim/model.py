@@ -586,6 +586,13 @@ class Model(Fmi2Slave):
         if variable.kind == "String":
             return self.strings[variable.name]
         used = int(self.m[f"{variable.name}_len"])
+        if used == -1:
+            raise ValueError(
+                f"{variable.name}: a packet does not fit into its {variable.capacity} bytes, or its message is not in "
+                "the dialect; send less in a step, or give it a larger capacity"
+            )
+        if not 0 <= used <= variable.capacity:
+            raise ValueError(f"{variable.name}: the kernel reports {used} bytes, its capacity is {variable.capacity}")
         return base64.b64encode(self.m[variable.name][:used].tobytes()).decode("ascii")
 
     def set_string(self, vrs: list[int], values: list[str]) -> None:

@@ -580,7 +580,8 @@ def pack(
 
     Returns:
         The new number of bytes in use. It is -1, with nothing written, if the packet does not fit, the message is not
-        in the dialect, or MAVLink 1 cannot carry its id.
+        in the dialect, MAVLink 1 cannot carry its id, or a packet before it could not be written (`n` is -1). FMUs fail
+        with -1 bytes in a `PacketOutput`.
     """
     # numba recompiles a kernel for every literal argument, such as a message id; only this thin wrapper is recompiled.
     return _pack(
@@ -648,7 +649,7 @@ def pack_defined(
         while length > 1 and payload[length - 1] == 0:
             length -= 1
     stop = first + length + _CRC
-    if stop > buffer.shape[0]:
+    if n < 0 or stop > buffer.shape[0]:
         return -1
     buffer[n + 1] = length
     if mavlink_version == 1:

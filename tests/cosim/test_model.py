@@ -331,6 +331,14 @@ def test_values_that_are_refused(slave: Any, call: str, name: str, value: Any, m
     assert bytes(slave._bytes) == before
 
 
+@pytest.mark.parametrize(("used", "told"), [(-1, "a packet does not fit into its 13 bytes"), (14, "reports 14 bytes")])
+def test_packets_that_cannot_have_been_written(slave: Any, used: int, told: str) -> None:
+    initialised(slave)
+    slave.m.tx_len = used
+    with pytest.raises(ValueError, match=f"^tx: .*{told}"):
+        slave.get_string([VR["tx"]])
+
+
 @pytest.mark.parametrize("vr", [-1, 23, 10**6])
 @pytest.mark.parametrize("kind", ["real", "integer", "boolean", "string"])
 def test_value_references_out_of_range(slave: Any, vr: int, kind: str) -> None:

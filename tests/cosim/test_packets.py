@@ -308,6 +308,7 @@ def test_pack_appends_until_the_buffer_is_full() -> None:
         full = buffer.copy()
         for room in range(length):
             assert packets.pack(buffer, 3 * length - room, payload, 30, 3, 1, 1, version) == -1
+        assert packets.pack(buffer, -1, payload, 30, 4, 1, 1, version) == -1  # behind one that was too much
         assert (buffer == full).all()
         assert [packets.sequence(buffer, start) for start, _, _ in walk(buffer.tobytes())] == [0, 1, 2]
 

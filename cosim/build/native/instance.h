@@ -267,6 +267,9 @@ static Status refuse(Instance *s, const char *function, const Variable *v) {
 #define USED_BYTES(v)                                                                                                  \
     int32_t used;                                                                                                      \
     memcpy(&used, s->record + v->length, sizeof used);                                                                 \
+    if (used == -1)                                                                                                    \
+    return fail(s, "%s: a packet does not fit into its %d bytes, or its message is not in the dialect; send less in "  \
+                   "a step, or give it a larger capacity", v->name, (int)v->count);                                    \
     if (used < 0 || (size_t)used > v->count)                                                                           \
     return fail(s, "%s: the kernel reports %d bytes, its capacity is %d", v->name, (int)used, (int)v->count)
 

@@ -48,7 +48,7 @@ from cosim.messages import (
     encode_set_position_target_global_int,
 )
 from cosim.verdict import Condition, Reason, Role
-from cosim_models.agents.parts.assembly import NO_SUM, Frame, Hear, Law, assembled
+from cosim_models.agents.parts.assembly import NO_SUM, PERIOD_IS_SHORT, SHORT_PERIOD, Frame, Hear, Law, assembled
 from cosim_models.agents.parts.conversation import CONVERSATION, SLACK, ask, next_number, reposition, send
 from cosim_models.agents.parts.guard import (
     ACCELERATION,
@@ -136,6 +136,7 @@ ERRORS = {
     NO_SUM: "the law returned what is not a sum of POSITION, VELOCITY and ACCELERATION",
     5: "the fence must be a convex polygon: give 3 to 8 fence_corners in their order, no three of them on one line",
     6: "guard_p * period must be more than 0 and at most 1: a drone would fly past the bounds of its guard",
+    SHORT_PERIOD: PERIOD_IS_SHORT,
 }
 
 CONDITION = Condition(

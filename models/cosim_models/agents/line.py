@@ -23,7 +23,7 @@ from cosim.messages import (
     decode_global_position_int,
     encode_set_position_target_global_int,
 )
-from cosim_models.agents.parts.assembly import NO_SUM, Frame, Law, assembled
+from cosim_models.agents.parts.assembly import NO_SUM, PERIOD_IS_SHORT, SHORT_PERIOD, Frame, Law, assembled
 from cosim_models.agents.parts.conversation import SLACK, reposition, send
 from cosim_models.agents.parts.guard import POSITION, fence_is_convex, guard, guard_variables, is_guarded
 from cosim_models.agents.parts.neighbours import distance_from, heard_variables, row_for
@@ -64,6 +64,7 @@ ERRORS = {
     NO_SUM: "the law returned what is not POSITION",
     5: "the fence must be a convex polygon: give 3 to 8 fence_corners in their order, no three of them on one line",
     6: "guard_p * guard_period must be more than 0 and at most 1: a drone would fly past the bounds of its guard",
+    SHORT_PERIOD: PERIOD_IS_SHORT,
 }
 
 

@@ -73,7 +73,7 @@ from cosim_models.agents.kit import (
     Trouble,
     decision,
 )
-from cosim_models.agents.parts.assembly import ALL, NO_SUM, Law
+from cosim_models.agents.parts.assembly import ALL, NO_SUM, PERIOD_IS_SHORT, SHORT_PERIOD, Law
 from cosim_models.agents.parts.guard import fence_is_convex, guard_variables, is_guarded
 from cosim_models.agents.parts.neighbours import neighbour_variables, note
 from cosim_models.autopilot.guidance import GUIDANCE, acceleration_to, approach, climb_to
@@ -102,6 +102,7 @@ ERRORS = {
     7: "PSC_POSXY_P, PSC_POSZ_P, WPNAV_ACCEL and WPNAV_ACCEL_Z must be positive",
     8: "position is no longer finite: are all set-points of the law?",
     9: "PSC_VELXY_P and PSC_VELZ_P times the step must be less than 2, or velocities oscillate: take shorter steps",
+    SHORT_PERIOD: PERIOD_IS_SHORT,
 }
 
 
@@ -411,6 +412,8 @@ def drone_kernels(law: Law) -> tuple[Any, Any]:
     def advance(m: Any, t: float, h: float) -> int:
         if h * max(m.PSC_VELXY_P, m.PSC_VELZ_P) >= _UNSTABLE:
             return 9
+        if h > m.period + _SLACK:
+            return SHORT_PERIOD
         m.mavlink_tx_len = 0
         if m.mavlink_rx_len > 0:
             _listen(m, t)

@@ -218,3 +218,11 @@ def test_packets_of_an_impossible_length_are_left_to_the_calls_of_fmi(samples: S
     with pytest.raises(FMICallException):
         fmu.getString([1])
     assert make.log == ["tx: the kernel reports 5 bytes, its capacity is 4"]
+    fmu = make()
+    assert Stepped(fmu, [[0], [], []], [[], [], [], [1]]).step([[-1.0]], 0.0, 0.5) == NOT_READ
+    with pytest.raises(FMICallException):
+        fmu.getString([1])
+    assert make.log[1:] == [
+        "tx: a packet does not fit into its 4 bytes, or its message is not in the dialect; send less in a step, or "
+        "give it a larger capacity"
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -203,11 +204,28 @@ def test_energy_is_the_integral_of_voltage_times_current() -> None:
 
 def test_a_metric_that_has_no_value_is_told(fmus: Path, tmp_path: Path) -> None:
     words = ["sweep", "line5", "--until", "0.1", "--workers", "1", "-o", str(tmp_path / "out")]
-    told = CliRunner().invoke(app, [*words, "--metric", "x=drone1.vehicle.position[1]", "--metric", "packets_lost"])
-    reason = '"drone1.vehicle.position[1]" is a signal over time; write last(...), max(...), mean(...), '
+    own = tmp_path / "own.py"
+    own.write_text("def x(run):\n    return run['drone1.vehicle.position[1]']\n")
+    told = CliRunner().invoke(app, [*words, "--metric", f"{own}:x", "--metric", "packets_lost"])
     assert told.exit_code == 0
-    assert f"note: no run has a value of metric x; run 0: {reason}" in told.stderr
+    assert "note: no run has a value of metric x; run 0: TypeError: only " in told.stderr
     assert "metric packets_lost" not in told.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a.y", '"a.y" is a signal over time; write last(...), max(...), mean(...), rms(...) or integral(...) of it'),
+        ("last(*.y)", '"last(*.y)" has 2 values, one for each signal; write max(...), min(...) or sum(...) of them'),
+        ("at(a.y, time)", "at(signal, time): the time must be a number, in s"),
+        ("max(*.y - *.z)", "- has 2 and 3 signals; the numbers must be equal, or 1"),
+    ],
+)
+def test_what_is_no_number_is_refused_before_any_run(text: str, reason: str) -> None:
+    units = dict.fromkeys(("a.y", "b.y", "a.z", "b.z", "c.z"), "")
+    with pytest.raises(SystemDescriptionError, match=re.escape(reason)):
+        Metric.parsed(text).signals({}, units)
+    assert Metric.parsed("max(*.y) / packets_sent").signals({}, units) == ["*.y"]
 
 
 def test_a_function_names_its_signals(tmp_path: Path) -> None:

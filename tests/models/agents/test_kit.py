@@ -29,6 +29,7 @@ from cosim_models.agents.kit import (
     next_number,
     send,
 )
+from cosim_models.agents.parts.assembly import SHORT_PERIOD
 from cosim_models.agents.parts.script import AgentState, Failure
 
 LATITUDE, LONGITUDE, ALTITUDE = -35.363262, 149.165237, 584.0
@@ -369,6 +370,15 @@ def test_parameters_that_make_no_sense(parameters: dict[str, Any], code: int) ->
         m[name] = value
     assert START(m) == code
     assert code in ERRORS
+
+
+def test_a_period_below_the_step_is_an_error() -> None:
+    """Its law is called once in a step, and would be told that less time has passed."""
+    agent = Agent(period=STEP_SIZE)
+    agent.step()
+    agent = Agent(period=0.9 * STEP_SIZE)
+    agent.step(code=SHORT_PERIOD)
+    assert ERRORS[SHORT_PERIOD].startswith("period is less than the step")
 
 
 @kernel

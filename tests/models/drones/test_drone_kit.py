@@ -224,8 +224,8 @@ def test_a_drone_that_does_not_come_down_in_time_gives_up_and_hovers() -> None:
 
 def test_steps_that_are_too_long_are_an_error() -> None:
     """PSC_VELZ_P is 5 /s: velocities oscillate from steps of 0.4 s on."""
-    Drone(0.39)()
-    Drone(0.4)(code=9)
+    Drone(0.39, period=0.4)()
+    Drone(0.4, period=0.4)(code=9)
 
 
 def test_start_values_of_what_does_not_exist_are_refused() -> None:
@@ -313,6 +313,12 @@ def test_results_of_a_law_that_are_errors(returns: int, code: int) -> None:
     drone = Drone(first_step_time=15.0, returns=returns)
     drone.until(15.0)
     drone(code=code)
+
+
+def test_a_period_below_the_step_is_an_error() -> None:
+    Drone(step=0.05, period=0.05)()
+    Drone(step=0.05, period=0.04)(code=99)
+    assert ERRORS[99].startswith("period is less than the step")
 
 
 def test_a_set_point_that_is_no_number_is_an_error() -> None:

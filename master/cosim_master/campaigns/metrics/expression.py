@@ -66,8 +66,15 @@ class Expression:
         Raises:
             ExpressionError: a signal was not recorded, or the value is not one number.
         """
+        return self._number(run.time, run.signals, built_in)
+
+    def rehearse(self, signals: Iterable[str]) -> None:
+        """Raises ExpressionError if the value would not be one number for a run that records these signals."""
+        self._number(np.array([0.0, 1.0]), dict.fromkeys(signals, np.zeros(2)), lambda *_: 0.0)
+
+    def _number(self, time: Array, signals: Mapping[str, Array], built_in: Callable[..., float]) -> float:
         with np.errstate(all="ignore"):
-            found = _value(self.root, run, built_in)
+            found = _value(self.root, time, signals, built_in)
         if found.shape != (1, 1):
             raise ExpressionError(_not_one(self.text, found))
         return float(found[0, 0])
@@ -197,27 +204,27 @@ _FUNCTIONS: Mapping[str, tuple[int, ...]] = {
 }
 
 
-def _value(node: Node, run: Measured, built_in: Callable[..., float]) -> Array:
+def _value(node: Node, time: Array, signals: Mapping[str, Array], built_in: Callable[..., float]) -> Array:
     """Returns the value of a node: (instants or 1, signals or numbers)."""
     if not node.called:
         if not node.name:
             return np.array([[node.value]])
         if node.name == TIME:
-            return run.time[:, None]
-        if node.of or node.name not in run.signals:
-            names = matching(node.name, run.signals) if not node.of else []
+            return time[:, None]
+        if node.of or node.name not in signals:
+            names = matching(node.name, signals) if not node.of else []
             if not names:
                 return np.array([[built_in(node.name, *(one.value for one in node.of))]])
-            return np.stack([run.signals[name] for name in names], axis=1)
-        return run.signals[node.name][:, None]
-    given = [_value(one, run, built_in) for one in node.of]
+            return np.stack([signals[name] for name in names], axis=1)
+        return signals[node.name][:, None]
+    given = [_value(one, time, signals, built_in) for one in node.of]
     if len(given) == 2 and node.name not in ("at",):
         _fit(node.name, *given)
         return np.asarray(_TWO[node.name](*given), dtype=np.float64)
     if node.name == "at":
-        return _at(run.time, *given)
+        return _at(time, *given)
     if node.name == "integral":
-        return _integral(run.time, given[0])
+        return _integral(time, given[0])
     return np.asarray(_ONE[node.name](given[0]), dtype=np.float64)
 
 

@@ -95,6 +95,10 @@ class Metric:
         expression = self._expression()
         if text := unknown(expression, [*units], built_in.BUILT_IN):
             raise self._refused(text)
+        try:
+            expression.rehearse(units)
+        except ExpressionError as error:
+            raise self._refused(str(error)) from None
         found = [name for name in expression.signals if name != TIME]
         for name, _ in expression.metrics:
             needed, lacking = built_in.needs(name, players, units)

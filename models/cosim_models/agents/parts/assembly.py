@@ -12,14 +12,17 @@ from typing import Any, NamedTuple
 
 from cosim.kernel import kernel
 from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, UNKNOWN, find
-from cosim_models.agents.parts.conversation import NOBODY, heartbeat, next_position
+from cosim_models.agents.parts.conversation import NOBODY, SLACK, heartbeat, next_position
 from cosim_models.agents.parts.guard import ACCELERATION, NOTHING_NEW, POSITION, VELOCITY
 from cosim_models.agents.parts.script import AgentState, prepare, supervise
 
-__all__ = ["ALL", "NO_SUM", "Frame", "Hear", "Law", "assembled"]
+__all__ = ["ALL", "NO_SUM", "PERIOD_IS_SHORT", "SHORT_PERIOD", "Frame", "Hear", "Law", "assembled"]
 
 NO_SUM = 4
 """Code of the error of a law that returns no sum of POSITION, VELOCITY and ACCELERATION."""
+SHORT_PERIOD = 99
+"""Code of the error of a period that is less than the communication step: its law would be given a false `h`."""
+PERIOD_IS_SHORT = "period is less than the step, in which a law is called once at most: take shorter steps"
 
 Law = Callable[[Any, float, float], int]
 """A kernel of (record, time [s], period [s]); returns which set-points hold, or minus the code of an error."""
@@ -111,7 +114,9 @@ def assembled(frame: Frame, law: Law, hear: Hear | None = None) -> tuple[Any, An
         return follow(m, now, begin, was_ready)
 
     @kernel
-    def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
+    def advance(m: Any, t: float, h: float) -> int:
+        if h > m.period + SLACK:
+            return SHORT_PERIOD
         if is_due(m, t):
             which = decide(m, t)
             if which < 0:
