@@ -54,11 +54,15 @@ class Attributes:
         """Returns whether the run's options give this attribute."""
         return name in self._given
 
-    def problem(self, message: str) -> None:
-        """Adds a problem at the element's line, or at the option if there is no element."""
+    def problem(self, message: str, *about: str) -> None:
+        """Adds a problem at the element's line, or at the option if there is no element, or if a run gives `about`.
+
+        Args:
+            about: the attributes that do not fit together.
+        """
         line = line_of(self.element) if self.element is not None else self.where.line
-        where = _OPTION if self.element is None and self._given else Where(self.where.path, line)
-        self.problems.append(Problem(where, message))
+        is_given = any(name in self._given for name in about) or (self.element is None and bool(self._given))
+        self.problems.append(Problem(_OPTION if is_given else Where(self.where.path, line), message))
 
     def _wrong(self, name: str, text: str, expected: str) -> None:
         if name in self._given:

@@ -303,7 +303,7 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
         # If the run has another topology than the file, settings of the file's topology are ignored.
         meant = reader.overridden(name) or not reader.overridden("topology")
         if settings.topology != "nearest" and meant and reader.text(name, ""):
-            reader.problem(f'{name} is for topology="nearest", this is "{settings.topology}"')
+            reader.problem(f'{name} is for topology="nearest", this is "{settings.topology}"', name, "topology")
     return settings
 
 
@@ -334,31 +334,34 @@ def _check_effects(reader: Attributes, settings: Network) -> None:
     if not reader.text("burstStart", "") and all(link.get("burstStart") is None for link in links):
         for name in ("burstLoss", "burstEnd"):
             if reader.text(name, "") or any(link.get(name) is not None for link in links):
-                reader.problem(f"{name} is for bursts, and none begins: give burstStart, the probability that one does")
+                text = f"{name} is for bursts, and none begins: give burstStart, the probability that one does"
+                reader.problem(text, name)
     for start, end in dict.fromkeys(ways):
         if start > 0.0 and not (end > 0.0 and 1e-4 <= start + end <= 1.0):
             text = "burstEnd must be more than 0, and both together from 0.0001 to 1: a burst of 1/burstEnd packets"
-            reader.problem(f"bursts begin with burstStart={start:g} and end with burstEnd={end:g}: {text}")
+            told = f"bursts begin with burstStart={start:g} and end with burstEnd={end:g}: {text}"
+            reader.problem(told, "burstStart", "burstEnd")
     if settings.sensitivity == -math.inf:
         for name in _OF_SIGNALS:
             if reader.text(name, ""):
-                reader.problem(f"{name} is for signals that can be too weak: give sensitivity, in dBm")
+                reader.problem(f"{name} is for signals that can be too weak: give sensitivity, in dBm", name)
         if settings.obstacles:
             reader.problem("<box> and <cylinder> are for signals that can be too weak: give sensitivity, in dBm")
     for name, media in _OF_MEDIA.items():
         if reader.text(name, "") and settings.medium not in media:
             names = " or ".join(f'"{one}"' for one in media)
-            reader.problem(f'{name} is for medium={names}, this is "{settings.medium}"')
+            reader.problem(f'{name} is for medium={names}, this is "{settings.medium}"', name, "medium")
     if settings.medium in ("own", "shared", "csma") and settings.rate == math.inf:
-        reader.problem(f'medium="{settings.medium}" needs a rate, in baud')
+        reader.problem(f'medium="{settings.medium}" needs a rate, in baud', "medium")
     if settings.medium == "aloha" and settings.slot <= 0.0:
-        reader.problem('medium="aloha" needs a slot, in s')
+        reader.problem('medium="aloha" needs a slot, in s', "medium", "slot")
     if settings.medium == "csma":
         if settings.backoff <= 0.0:
-            reader.problem('medium="csma" needs a backoff, in s: the longest wait before a packet senses the medium')
+            text = 'medium="csma" needs a backoff, in s: the longest wait before a packet senses the medium'
+            reader.problem(text, "medium", "backoff")
         if settings.rate < math.inf and settings.sensing * settings.rate >= _SHORTEST:
             text = f"it must be less than the time of the shortest packet on the air, {_SHORTEST / settings.rate:.3g} s"
-            reader.problem(f"sensing={settings.sensing:g} s: {text}")
+            reader.problem(f"sensing={settings.sensing:g} s: {text}", "sensing", "rate")
 
 
 def _dialect(reader: Attributes, folder: Path) -> tuple[Message, ...]:

@@ -534,6 +534,32 @@ def test_settings_that_are_wrong(overridden: Any, given: dict[str, str], message
     assert [text for text in problems(overridden, given) if message in text], problems(overridden, given)
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"queue": "1"}, 'queue is for medium="own" or "shared" or "aloha" or "csma", this is "none"'),
+        ({"medium": "shared"}, 'medium="shared" needs a rate, in baud'),
+        ({"medium": "aloha"}, 'medium="aloha" needs a slot, in s'),
+        ({"medium": "csma", "rate": "9600"}, 'medium="csma" needs a backoff, in s: '),
+        ({"medium": "csma", "rate": "9600", "backoff": "1", "sensing": "1"}, "sensing=1 s: it must be less than "),
+        ({"burstLoss": "1"}, "burstLoss is for bursts, and none begins: "),
+        ({"burstStart": "1"}, "bursts begin with burstStart=1 and end with burstEnd=1: "),
+        ({"power": "20"}, "power is for signals that can be too weak: "),
+        ({"hops": "3"}, "hops is for relays, and no node relays; "),
+        ({"neighbours": "3"}, 'neighbours is for topology="nearest", this is "broadcast"'),
+    ],
+)
+def test_settings_of_a_run_that_do_not_fit_are_not_blamed_on_the_file(
+    overridden: Any, given: dict[str, str], message: str
+) -> None:
+    names = {f"network.{name}": value for name, value in given.items()}
+    (text,) = problems(overridden, names, network('loss="0.1"'))
+    assert text.startswith(f"--set: {message}")
+    written = " ".join(f'{name}="{value}"' for name, value in given.items())
+    (text,) = problems(overridden, {"network.loss": "0.1"}, network(written))
+    assert re.match(rf".*s\.ssd:\d+: {re.escape(message)}", text)
+
+
 def test_the_seed_is_given_once(overridden: Any) -> None:
     assert overridden({"network.seed": "3"}, seed=3).seed == 3
     (text,) = problems(overridden, {"network.seed": "4"}, seed=3)

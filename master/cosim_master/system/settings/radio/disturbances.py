@@ -62,7 +62,7 @@ def read_relays(reader: Attributes, nodes: Sequence[Node]) -> tuple[str, ...]:
             hint = near_pattern(end, names) if is_pattern(end) else near(end, names)
             reader.problem(f'relays="{end}": there is no such radio node; {hint}')
     if not ends and reader.text("hops", ""):
-        reader.problem('hops is for relays, and no node relays; name some: relays="*"')
+        reader.problem('hops is for relays, and no node relays; name some: relays="*"', "hops")
     found = {name for end in ends for name in matched(end, names)}
     return tuple(name for name in names if name in found)
 
