@@ -183,17 +183,12 @@ def agents(run: Run) -> Table | None:
     flight, rows = run.flight, []
     point = flight.law[0] if flight.law is not None else {}
     for drone in flight.drones:
-        if drone.target is None or drone.position is None:
+        if drone.errors is None or drone.position is None:
             continue
-        error = np.abs(drone.position[:, 1] - drone.target)
-        known = error[np.isfinite(error)]
-        if not len(known):
-            continue
+        last, largest, rms = drone.errors
         end = f"{abs(drone.position[-1, 1] - point[drone.name]):.4g}" if drone.name in point else ""
         role = "stays" if drone.stays else "moves"
-        rows.append(
-            (drone.name, role, f"{known[-1]:.4g}", f"{known.max():.4g}", f"{np.sqrt(np.mean(known**2)):.4g}", end)
-        )
+        rows.append((drone.name, role, f"{last:.4g}", f"{largest:.4g}", f"{rms:.4g}", end))
     if not rows:
         return None
     head = ("drone", "agent", "final error (m)", "largest error (m)", "RMS error (m)", "to the law's fixed point (m)")

@@ -32,6 +32,8 @@ class Block:
         """Adds an array, whose values must fit into the type, and returns its position in the block."""
         if kind not in _TYPES:
             raise ValueError(f"{kind}: the page reads {', '.join(_TYPES)}")
+        if kind.startswith("u") and values.size and values.min() < 0:
+            raise ValueError(f"{kind}: {values.min()} is negative")
         array = np.ascontiguousarray(values, dtype=f"<{kind}").reshape(-1)
         place = (self._size, kind, len(array))
         part = array.view(np.uint8).reshape(len(array), array.itemsize).T.tobytes()

@@ -7,7 +7,7 @@ kinds, and every n-th message of other kinds.
 from __future__ import annotations
 
 import struct
-from collections import Counter, defaultdict, deque
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,8 @@ _LINKS = 2_000
 _NOBODY = 65535
 _SAME = ("sent", "source", "sequence", "message", "system", "component")
 """Columns that identify packets: rows of one packet, for several nodes, have equal values there."""
+_IDENTITY = ("system", "component", "sequence", "message")
+"""Of these, those that a relay leaves as they are."""
 
 
 def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantum: float) -> dict[str, Any]:
@@ -63,10 +65,10 @@ def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantu
     told["vehicleOf"] = [by_node.get(nodes[source], -1) for source in codes["source"]]
     radio = np.array([outcome == "radio" for outcome in codes["outcome"]])[columns["outcome"]]
     lost = np.array([outcome.startswith("lost") for outcome in codes["outcome"]])[columns["outcome"]]
-    begins = sends(columns)
-    _flights(told, columns, codes, radio, lost, begins, by_node, block, (start, quantum))
+    begins, number = sends(columns)
+    _flights(told, columns, codes, radio, lost, number, by_node, block, (start, quantum))
     told["links"] = _links(columns, codes, nodes, radio, lost, by_node)
-    told["log"] = _log(run, columns, codes, radio, lost, begins, block, (start, quantum))
+    told["log"] = _log(run, columns, codes, radio, lost, begins, number, block, (start, quantum))
     return told
 
 
@@ -82,14 +84,30 @@ def vehicle_of_nodes(nodes: Sequence[str], parts: Sequence[Part]) -> dict[str, i
     return found | {part.name: i for i, part in enumerate(parts) if part.name in nodes}
 
 
-def sends(columns: Mapping[str, Array] | Array) -> Array:
-    """Returns the first row of each packet, from columns in the order of the radio's events."""
+def sends(columns: Mapping[str, Array] | Array) -> tuple[Array, Array]:
+    """Returns the first row of each packet, in the order of sending, and the packet of each row.
+
+    Rows of one packet follow each other, unless nodes hear it at different times: on a medium on which it may collide.
+    """
     n = len(columns["sent"])
     new = np.zeros(n, bool)
     new[:1] = True
     for name in _SAME:
         new[1:] |= columns[name][1:] != columns[name][:-1]
-    return np.flatnonzero(new)
+    runs = np.flatnonzero(new)
+    keys = [columns[name][runs] for name in _SAME]
+    order = np.lexsort((runs, *reversed(keys)))
+    other = np.zeros(len(runs), bool)
+    other[:1] = True
+    for key in keys:
+        other[1:] |= key[order][1:] != key[order][:-1]
+    first = runs[order][other]
+    by_time = np.lexsort((first, columns["sent"][first]))
+    place = np.empty(len(first), np.int64)
+    place[by_time] = np.arange(len(first))
+    of_run = np.empty(len(runs), np.int64)
+    of_run[order] = place[np.cumsum(other) - 1]
+    return first[by_time], np.repeat(of_run, np.diff(np.append(runs, n)))
 
 
 def _ticks(times: Array, clock: tuple[float, float]) -> Array:
@@ -103,7 +121,7 @@ def _flights(
     codes: Mapping[str, Sequence[Any]],
     radio: Array,
     lost: Array,
-    begins: Array,
+    number: Array,
     by_node: Mapping[str, int],
     block: Block,
     clock: tuple[float, float],
@@ -111,9 +129,7 @@ def _flights(
     """Adds the packets sent by radio, including lost ones; if they are too many, only those of every n-th send."""
     on_air = radio | lost
     every = max(1, -(-int(on_air.sum()) // _DRAWN))
-    number = np.zeros(len(on_air), np.int64)
-    number[begins] = 1
-    rows = np.flatnonzero(on_air & ((np.cumsum(number) - 1) % every == 0))
+    rows = np.flatnonzero(on_air & (number % every == 0))
     rows = rows[np.argsort(columns["sent"][rows], kind="stable")]
     sent = columns["sent"][rows]
     delay = np.nan_to_num(columns["arrival"][rows] - sent)
@@ -181,23 +197,26 @@ def _log(
     radio: Array,
     lost: Array,
     begins: Array,
+    number: Array,
     block: Block,
     clock: tuple[float, float],
 ) -> dict[str, Any]:
     """Returns the packets sent, in the order of time, with their contents."""
     chosen = _chosen(columns["message"][begins], [number == STATUSTEXT for number in codes["message"]])
     rows = begins[chosen]
-    payloads = _payloads(run / "packets.tlog", columns, codes["message"], rows)
+    relays = np.array([name.endswith(".relay") for name in codes["source"]])[columns["source"][rows]]
+    payloads = _payloads(run / "packets.tlog", columns, codes["message"], rows, relays)
     texts = [
         said(codes["message"][columns["message"][row]], payload) for row, payload in zip(rows, payloads, strict=True)
     ]
+    heard, gone = (np.bincount(number[of], minlength=len(begins))[chosen] for of in (radio, lost))
     return {
         "of": len(begins),
         "time": block.add(steps_between(_ticks(columns["sent"][rows], clock)), "u4"),
         "source": block.add(columns["source"][rows], "u2"),
         "message": block.add(columns["message"][rows], "u2"),
-        "heard": block.add(np.minimum(np.add.reduceat(radio.astype(np.int64), begins)[chosen], 65535), "u2"),
-        "lost": block.add(np.minimum(np.add.reduceat(lost.astype(np.int64), begins)[chosen], 65535), "u2"),
+        "heard": block.add(np.minimum(heard, 65535), "u2"),
+        "lost": block.add(np.minimum(gone, 65535), "u2"),
         "texts": texts,
     }
 
@@ -215,24 +234,36 @@ def _chosen(messages: Array, spoken: Sequence[bool]) -> Array:
     return np.sort(np.concatenate(kept))
 
 
-def _payloads(file: Path, columns: Mapping[str, Array], messages: Sequence[int], rows: Array) -> list[bytes]:
-    """Returns the payloads of some packets, from the log of all packets sent."""
-    waiting: dict[tuple[int, ...], deque[int]] = defaultdict(deque)
-    sent = np.rint(columns["sent"] * 1e9).astype(np.int64) // 1000
-    for place, row in enumerate(rows):
-        number = messages[columns["message"][row]]
-        key = (sent[row], columns["system"][row], columns["component"][row], columns["sequence"][row], number)
-        waiting[tuple(map(int, key))].append(place)
+def _payloads(
+    file: Path, columns: Mapping[str, Array], messages: Sequence[int], rows: Array, relays: Array
+) -> list[bytes]:
+    """Returns the payloads of some packets, from the log of all packets sent; empty for those that are not there.
+
+    A packet that a relay sends on is not there: it has the payload of the last one before with its sender and number.
+    """
     found = [b""] * len(rows)
     if not file.is_file():
         return found
+    at_once: dict[tuple[int, ...], list[int]] = defaultdict(list)
+    sent_on: dict[tuple[int, ...], list[tuple[int, int]]] = defaultdict(list)
+    sent = np.rint(columns["sent"] * 1e9).astype(np.int64) // 1000
+    for place, row in enumerate(rows):
+        values = (columns[name][row] for name in _IDENTITY[:3])
+        identity = (*map(int, values), messages[columns["message"][row]])
+        if relays[place]:
+            sent_on[identity].append((int(sent[row]), place))
+        else:
+            at_once[int(sent[row]), *identity].append(place)
     data = file.read_bytes()
     at = 0
     while at + 17 <= len(data):
         time = struct.unpack_from(">Q", data, at)[0] - EPOCH
         identity, payload, at = packet_at(data, at + 8)
-        if places := waiting.get((time, *identity)):
-            found[places.popleft()] = payload
+        for place in at_once.get((time, *identity), ()):
+            found[place] = payload
+        for when, place in sent_on.get(identity, ()):
+            if time < when:
+                found[place] = payload
     return found
 
 
@@ -250,7 +281,12 @@ def packet_at(data: bytes, at: int) -> tuple[tuple[int, int, int, int], bytes, i
 
 
 def said(number: int, payload: bytes) -> str:
-    """Returns the text of a STATUSTEXT, or the fields of another message if pymavlink is installed."""
+    """Returns the text of a STATUSTEXT, or the fields of another message if pymavlink is installed.
+
+    Nothing is said of a packet whose payload is not known.
+    """
+    if not payload:
+        return ""
     if number == STATUSTEXT:
         return payload[STATUSTEXT_TEXT : STATUSTEXT_TEXT + 50].split(b"\0")[0].decode("utf-8", "replace")
     try:

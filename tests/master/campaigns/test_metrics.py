@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim.verdict import Formation, Neighbour, Role
+from cosim_master.campaigns.dataset.folder import read_runs
 from cosim_master.campaigns.metrics import built_in
 from cosim_master.campaigns.metrics.measured import Measured
 from cosim_master.campaigns.metrics.metric import Metric, MetricError
@@ -197,9 +198,26 @@ def test_energy_is_the_integral_of_voltage_times_current() -> None:
     signals = {"a.power.voltage": 12.0 - TIME, "a.power.current": np.full(41, 2.0)}
     signals |= {"b.power.voltage": np.full(41, 10.0), "b.power.current": np.full(41, 0.5), "c.voltage": TIME}
     units = {name: "A" if name.endswith("current") else "V" for name in signals}
-    measured = run(signals=signals, units=units)
+    of_autopilot = {"a.autopilot.voltage": 12.0 - TIME, "a.autopilot.current": np.full(41, 2.0)}
+    all_units = {**units, "a.autopilot.voltage": "V", "a.autopilot.current": "A"}
+    measured = run(signals={**signals, **of_autopilot}, units=all_units, outputs=frozenset(units))
     assert value("energy", measured) == pytest.approx(2.0 * (12.0 * 4.0 - 8.0) + 10.0 * 0.5 * 4.0)
-    assert Metric.parsed("energy").signals({}, units) == [*signals][:4]
+    assert Metric.parsed("energy").signals({}, all_units, frozenset(units)) == [*signals][:4]
+
+
+def test_energy_of_shipped_systems(fmus: Path, tmp_path: Path) -> None:
+    """Autopilots measure a battery in local variables, also of systems without batteries."""
+    words = ["sweep", "windy", "--until", "3", "--workers", "1", "--metric", "energy", "-o", str(tmp_path / "windy")]
+    by_hand = "hand=sum(integral(drone*.power.voltage * drone*.power.current))"
+    told = CliRunner().invoke(app, [*words, "--metric", by_hand])
+    assert told.exit_code == 0, told.stderr
+    (row,) = read_runs(tmp_path / "windy").to_pylist()
+    assert row["energy"] == row["hand"] > 1.0
+    told = CliRunner().invoke(app, ["sweep", "line5", "--metric", "energy", "-o", str(tmp_path / "line5")])
+    assert told.exit_code == 2
+    assert "energy needs a component with one output in V and one in A, such as a battery; this system has none" in (
+        told.stderr
+    )
 
 
 def test_a_metric_that_has_no_value_is_told(fmus: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -92,6 +93,28 @@ def test_the_tables_have_the_values_of_the_run(written: Path) -> None:
     assert agents["drone1"] == ["stays", "0", "0", "0", ""]
     # After step 6 the law is within 12.7 m of even spacing (the bound of 5.13 m holds after step 9).
     assert agents["drone3"][0] == "moves" and 5.13 < float(agents["drone3"][4]) < 18.89
+
+
+def test_errors_are_those_of_all_instants(run: Path, tmp_path: Path) -> None:
+    """Figures have a few thousand; a peak may be between them."""
+    shutil.copytree(run, tmp_path / "run")
+    file = tmp_path / "run" / "signals.parquet"
+    table = pq.read_table(file)
+    longer = table.take(np.repeat(np.arange(table.num_rows), 30_001 // table.num_rows + 1))
+    n = longer.num_rows
+    east = longer["drone2.vehicle.position[2]"].to_numpy().copy()
+    peak = 5 * n // 6 + 1
+    east[peak] += 500.0
+    time = pa.array(np.linspace(0.0, 40.0, n))
+    for name, values in (("time", time), ("drone2.vehicle.position[2]", pa.array(east))):
+        place = longer.schema.get_field_index(name)
+        longer = longer.set_column(place, longer.schema.field(place), values)
+    pq.write_table(longer, file)
+    target = longer["drone2.agent.target"].to_numpy()[longer["drone2.agent.step"].to_numpy() > 0]
+    error = np.abs(east[-len(target) :] - target)
+    assert error.max() > 400.0
+    (row,) = (one for one in tables(write_report([tmp_path / "run"]))["Agents"] if one[0] == "drone2")
+    assert row[2:5] == [f"{error[-1]:.4g}", f"{error.max():.4g}", f"{np.sqrt(np.mean(error**2)):.4g}"]
 
 
 def test_the_page_has_every_figure_once_and_the_stamp_of_its_data(written: Path) -> None:

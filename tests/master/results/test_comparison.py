@@ -134,6 +134,29 @@ def test_values_agree_as_python_says(pairs: list[tuple[float, float]], atol: flo
         assert found.first == (float(expected.index(True)) if any(expected) else None)
 
 
+@pytest.mark.parametrize("kinds", [(pa.int64(), pa.int64()), (pa.uint64(), pa.uint64()), (pa.int64(), pa.uint64())])
+def test_integers_are_compared_as_they_are(record: Any, kinds: tuple[Any, Any]) -> None:
+    """2^53 and 2^53 + 1 are one floating-point number."""
+    large = 2**53
+    one = record("one", {"time": [0.0, 1.0], "a.n": pa.array([large, large], kinds[0])})
+    other = record("other", {"time": [0.0, 1.0], "a.n": pa.array([large, large + 1], kinds[1])})
+    found = compare(one, other, atol=10.0)
+    assert found.signals == (SignalComparison("a.n", 1, 1.0, 1.0 / large, 1.0, 1.0),)
+    assert compare(one, record("same", {"time": [0.0, 1.0], "a.n": pa.array([large, large], kinds[1])})).equal
+
+
+def test_all_rows_of_an_event_are_compared(record: Any) -> None:
+    """A row before and a row behind an event have one time; of the run with more rows, the last ones are compared."""
+    one = record("one", {"time": [0.0, 1.0, 1.0, 2.0], "a.x": [0.0, 5.0, 1.0, 1.0]})
+    other = record("other", {"time": [0.0, 1.0, 1.0, 2.0], "a.x": [0.0, 7.0, 1.0, 1.0]})
+    found = compare(one, other)
+    assert (found.common, found.signals[0].differing, found.signals[0].time) == (4, 1, 1.0)
+    less = record("less", {"time": [0.0, 1.0, 2.0], "a.x": [0.0, 1.0, 1.0]})
+    assert compare(one, less).equal and compare(one, less).common == 3
+    more = record("more", {"time": [0.0, 1.0, 1.0, 1.0, 2.0], "a.x": [0.0, 9.0, 5.0, 1.0, 1.0]})
+    assert compare(one, more).equal and compare(one, more).common == 4
+
+
 def test_other_grids_are_compared_where_they_meet(record: Any) -> None:
     """0.1 * 3 is not 0.3 in floating point, and is the same instant."""
     one = record("one", {"time": [0.1 * k for k in range(7)], "x": [float(k) for k in range(7)]})

@@ -12,7 +12,7 @@ A metric without a value is NaN: drones that have not settled, a run with one ve
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -36,16 +36,19 @@ def players_of(checked: CheckedSystem, changes: Mapping[str, Mapping[str, Any]] 
     }
 
 
-def needs(name: str, players: Mapping[str, Player], units: Mapping[str, str]) -> tuple[list[str], str]:
+def needs(
+    name: str, players: Mapping[str, Player], units: Mapping[str, str], outputs: Collection[str] = ()
+) -> tuple[list[str], str]:
     """Returns the signals that a built-in metric needs in a system, or the reason why the system lacks it.
 
     Args:
-        units: of all outputs, by "component.variable"; empty for those without.
+        units: of all outputs and local variables, by "component.variable"; empty for those without.
+        outputs: the names of those that are outputs.
     """
     if name in ("settling_time", "error_to_law"):
         return _law_signals(players, units)
     if name == "energy":
-        found = [one for pair in _batteries(units) for one in pair]
+        found = [one for pair in _batteries(units, outputs) for one in pair]
         text = "energy needs a component with one output in V and one in A, such as a battery"
         return found, "" if found else f"{text}; this system has none"
     return [], ""
@@ -129,17 +132,20 @@ def _packets(name: str) -> Callable[[Measured], float]:
     return lambda run: float(run.result.packets.get(name, 0))
 
 
-def _batteries(units: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Returns the signals of the components with one output in V and one in A: the two of a battery."""
+def _batteries(units: Mapping[str, str], outputs: Collection[str]) -> list[tuple[str, str]]:
+    """Returns the signals of the components with one output in V and one in A: the two of a battery.
+
+    An autopilot that measures a battery has local variables in these units.
+    """
     found: dict[str, dict[str, list[str]]] = {}
-    for name, unit in units.items():
-        found.setdefault(name.rpartition(".")[0], {}).setdefault(unit, []).append(name)
+    for name in (one for one in units if one in outputs):
+        found.setdefault(name.rpartition(".")[0], {}).setdefault(units[name], []).append(name)
     pairs = [(one.get("V", []), one.get("A", [])) for one in found.values()]
     return [(volts[0], amperes[0]) for volts, amperes in pairs if len(volts) == len(amperes) == 1]
 
 
 def _energy(run: Measured) -> float:
-    pairs = _batteries(run.units)
+    pairs = _batteries(run.units, run.outputs)
     if not pairs or not len(run.time):
         return np.nan
     return float(sum(np.trapezoid(run[volts] * run[amperes], run.time) for volts, amperes in pairs))

@@ -27,6 +27,7 @@ class Measured:
         units: of the signals; empty for those without.
         result: the outcome of the run, with its packets and its verdict.
         players: the instances, with their parameters and the roles that their FMUs declare.
+        outputs: the names of the signals that are outputs; others are local variables.
     """
 
     time: Array
@@ -34,6 +35,7 @@ class Measured:
     units: Mapping[str, str]
     result: RunResult
     players: Mapping[str, Player] = field(default_factory=dict)
+    outputs: frozenset[str] = frozenset()
 
     def __getitem__(self, name: str) -> Array:
         """Returns the values of a signal, (n,)."""
@@ -57,6 +59,7 @@ class Collector:
         self._reals = {one.name for one in reals}
         self._wide = {one.name: one for one in others if one.variable.wide}
         self.units = {one.name: one.variable.unit.name if one.variable.unit else "" for one in view.columns}
+        self.outputs = frozenset(one.name for one in view.columns if one.variable.causality == "output")
         self.names = view.names
         self._chunks: list[Rows] = [] if earlier is None else [*earlier._chunks]
 

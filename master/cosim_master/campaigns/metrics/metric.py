@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -74,11 +74,14 @@ class Metric:
             raise refusal(f"--metric {text}", f"{function[1]} cannot be read: {error}; give a Python file") from None
         return cls(name or function[2], function[2], source)
 
-    def signals(self, players: Mapping[str, Player], units: Mapping[str, str]) -> list[str]:
+    def signals(
+        self, players: Mapping[str, Player], units: Mapping[str, str], outputs: Collection[str] = ()
+    ) -> list[str]:
         """Returns the names and patterns of the signals that it needs in a system.
 
         Args:
-            units: of all outputs, by "component.variable"; empty for those without.
+            units: of all outputs and local variables, by "component.variable"; empty for those without.
+            outputs: the names of those that are outputs.
 
         Raises:
             SystemDescriptionError: the system has no such signals.
@@ -101,7 +104,7 @@ class Metric:
             raise self._refused(str(error)) from None
         found = [name for name in expression.signals if name != TIME]
         for name, _ in expression.metrics:
-            needed, lacking = built_in.needs(name, players, units)
+            needed, lacking = built_in.needs(name, players, units, outputs)
             if lacking:
                 raise self._refused(lacking)
             found += needed

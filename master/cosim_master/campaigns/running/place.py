@@ -135,7 +135,8 @@ def _refuse_times(study: Study, ready: Prepared) -> None:
 def _needed(study: Study, checked: CheckedSystem) -> Sequence[str]:
     """Returns the signals that the metrics of a study need."""
     players, units = players_of(checked), _units(checked)
-    return [name for metric in study.metrics for name in metric.signals(players, units)]
+    outputs = {f"{one.name}.{name}" for one in checked.instances for name in _signals(one.fmu, "output")}
+    return [name for metric in study.metrics for name in metric.signals(players, units, outputs)]
 
 
 def _kept(study: Study, checked: CheckedSystem) -> Sequence[str]:

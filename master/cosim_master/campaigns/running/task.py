@@ -100,7 +100,7 @@ def _measured(ready: Prepared, collector: Collector | None, result: RunResult) -
     players = players_of(ready.checked, changed)
     if collector is None:
         return Measured(np.zeros(0), {}, {}, result, players)
-    return Measured(collector.time, collector.signals(), collector.units, result, players)
+    return Measured(collector.time, collector.signals(), collector.units, result, players, collector.outputs)
 
 
 def _row(study: Study, place: Place, run: Planned, measured: Measured) -> dict[str, Any]:

@@ -10,6 +10,7 @@ data_2        signals: a column for each instant
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -51,11 +52,13 @@ def export(run: Path, file: Path, options: Options) -> list[str]:  # noqa: ARG00
     names, about = [one.name for one in fields], [_about(one.metadata or {}) for one in fields]
     info = [(0 if row == 0 else 2, row + 1, 0, -1) for row in range(len(fields))]
     constant = [np.array([recorded[0, 0], recorded[0, -1]])]
-    for name, value in _parameters(run):
+    manifest = read_manifest(run)
+    changed = _changed(manifest, float(recorded[0, -1]))
+    for name, value in _parameters(run, manifest):
         if name not in names:
             names.append(name)
             about.append("parameter")
-            constant.append(np.array([value, value]))
+            constant.append(np.array([value, changed.get(name, value)]))
             info.append((1, len(constant), 0, 0))
     savemat(
         file,
@@ -78,11 +81,17 @@ def _about(metadata: dict[bytes, bytes]) -> str:
     return metadata.get(b"description", b"").decode() + (f" [{unit}]" if unit else "")
 
 
-def _parameters(run: Path) -> list[tuple[str, float]]:
-    """Returns the parameters of all instances that are numbers."""
+def _changed(manifest: Mapping[str, Any], until: float) -> dict[str, float]:
+    """Returns the last values of the parameters that were changed during the run, up to `until` [s]."""
+    numbers = (one for one in manifest.get("changes", ()) if isinstance(one["value"], (bool, int, float)))
+    return {one["variable"]: float(one["value"]) for one in numbers if one["time"] <= until}
+
+
+def _parameters(run: Path, manifest: Mapping[str, Any]) -> list[tuple[str, float]]:
+    """Returns the parameters of all instances that are numbers, at the start of the run."""
     return [
         (f"{name}.{parameter}", float(value))
-        for name, player in players(run, read_manifest(run)).items()
+        for name, player in players(run, manifest).items()
         for parameter, value in player.parameters.items()
         if isinstance(value, (bool, int, float))
     ]

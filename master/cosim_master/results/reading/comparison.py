@@ -316,14 +316,29 @@ def _keys(times: Sequence[float] | _Values) -> list[int]:
 
 
 def _common_times(one: _Recording, other: _Recording) -> tuple[_Values, _Values]:
-    """Returns the rows of both runs at their common times; of several rows at one time, the last one."""
-    last = [{key: row for row, key in enumerate(_keys(recording.time))} for recording in (one, other)]
-    common = sorted(last[0].keys() & last[1].keys())
+    """Returns the rows of both runs at their common times.
+
+    Several rows at one time, those of an event, are counted from the last one; the first ones of the run that has more
+    are left out.
+    """
+    places = [_places(_keys(recording.time)) for recording in (one, other)]
+    common = sorted(places[0].keys() & places[1].keys(), key=lambda place: (place[0], -place[1]))
     if not common:
         spans = [f"{r.path}: {r.time[0]:g} to {r.time[-1]:g} s in {len(r.time)} rows" for r in (one, other)]
         raise _refusal(other.path, f"has no time in common with {one.path}; {'; '.join(spans)}")
-    rows = [np.array([found[key] for key in common], dtype=np.int64) for found in last]
+    rows = [np.array([found[place] for place in common], dtype=np.int64) for found in places]
     return rows[0], rows[1]
+
+
+def _places(keys: Sequence[int]) -> dict[tuple[int, int], int]:
+    """Returns the row of each time and number of rows behind it at that time."""
+    found: dict[tuple[int, int], int] = {}
+    before, behind = None, 0
+    for row in range(len(keys) - 1, -1, -1):
+        behind = behind + 1 if keys[row] == before else 0
+        before = keys[row]
+        found[before, behind] = row
+    return found
 
 
 def _compare_values(name: str, time: _Values, a: _Values, b: _Values, atol: float, rtol: float) -> SignalComparison:
@@ -333,10 +348,11 @@ def _compare_values(name: str, time: _Values, a: _Values, b: _Values, atol: floa
         absolute = math.nan if differs.any() else 0.0
         return SignalComparison(name, int(differs.sum()), absolute, absolute, first, first)
     floating = a.dtype.kind == "f" or b.dtype.kind == "f"
+    exact = None if floating else a == b  # 64-bit integers differ that are one floating-point number
     a, b = a.astype(np.float64), b.astype(np.float64)
-    same = (a == b) | (np.isnan(a) & np.isnan(b))
+    same = (a == b) | (np.isnan(a) & np.isnan(b)) if exact is None else exact
     with np.errstate(invalid="ignore", over="ignore"):
-        apart = np.where(same, 0.0, np.abs(a - b))
+        apart = np.where(same, 0.0, np.abs(a - b) if floating else np.maximum(np.abs(a - b), 1.0))
         apart[np.isnan(apart)] = np.inf
         size = np.maximum(np.abs(a), np.abs(b))
         allowed = atol + rtol * np.where(np.isfinite(size), size, 0.0) if floating else 0.0

@@ -43,6 +43,8 @@ class Drone:
         target: (n,) desired position, m east of the origin; NaN before the agent's first step.
         stays: whether its agent is stationary.
         member: its agent with its neighbours, if the law of the agent is known.
+        errors: final, largest and root mean square distance between actual and desired position east, m, of all
+            recorded instants since the agent's first step.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Drone:
     target: Array | None
     stays: bool = False
     member: Member | None = None
+    errors: tuple[float, float, float] | None = None
 
     @property
     def mobile(self) -> bool:
@@ -129,11 +132,13 @@ def read_flight(run: Path) -> Flight:
                 of = instances.get(agent, UNKNOWN)
                 target, formation = of.target
                 step = kept[f"{agent}.{formation.step}"]
+                desired = np.where(step > 0, kept[f"{agent}.{target}"], np.nan)
                 drone = replace(
                     drone,
-                    target=np.where(step > 0, kept[f"{agent}.{target}"], np.nan)[rows],
+                    target=desired[rows],
                     stays=bool(of.parameters.get(formation.stays, False)),
                     member=member(of.verdicts, of.parameters),
+                    errors=_errors(kept[f"{vehicle}.{position}[2]"] - desired) if vehicle else None,
                 )
                 np.maximum(begun[drone.mobile], step.astype(np.int64), out=begun[drone.mobile])
             drones.append(drone)
@@ -141,6 +146,14 @@ def read_flight(run: Path) -> Flight:
     numbers, first = np.unique(np.maximum.accumulate(begun_by), return_index=True)
     steps = {int(k): float(time[i]) for k, i in zip(numbers, first, strict=True) if k > 0}
     return Flight(time[rows], tuple(drones), steps)
+
+
+def _errors(apart: Array) -> tuple[float, float, float] | None:
+    """Returns the last, the largest and the root mean square error; None if none is known."""
+    known = np.abs(apart[np.isfinite(apart)])
+    if not known.size:
+        return None
+    return float(known[-1]), float(known.max()), float(np.sqrt(np.mean(known * known)))
 
 
 def _columns(signals: Signals, found: Sequence[Part], instances: Mapping[str, Player]) -> dict[str, Array]:

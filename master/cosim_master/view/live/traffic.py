@@ -69,7 +69,7 @@ class LiveTraffic:
         self._of_link = np.zeros((max(1, cells), len(OUTCOMES)), np.int64)
         self._delay = np.zeros(max(1, cells))
         self._first, self._last = np.inf, -np.inf
-        self._sends, self._kinds = 0, Counter[int]()
+        self._sends, self._newest, self._kinds = 0, -1, Counter[int]()
         self._flights: deque[tuple[int, Array]] = deque(maxlen=_BATCHES)
         self._messages: deque[tuple[int, tuple[Any, ...]]] = deque(maxlen=_WAITING)
         self._numbers = [0, 0]  # of the newest batch of flights, and of the newest message
@@ -91,12 +91,15 @@ class LiveTraffic:
         on_air = _ON_AIR[events["outcome"]]
         known = events["outcome"] != MALFORMED
         self._systems[events["source"][known]] = events["system"][known]
-        begins = sends(events)
-        self._sends += len(begins)
+        begins, number = sends(events)
+        is_new = events["sent"][begins] >= self._newest  # others were counted when the first node heard them
+        self._newest = max(self._newest, int(events["sent"][begins[-1]]))
+        self._sends += int(is_new.sum())
         self._count(events[on_air])
         if self.watched:
             self._fly(events[on_air])
-            self._log(events, begins, log)
+            if is_new.any():
+                self._log(events, begins, number, np.flatnonzero(is_new), log)
 
     def _count(self, events: Array) -> None:
         if not events.size:
@@ -123,22 +126,22 @@ class LiveTraffic:
         self._numbers[0] += 1
         self._flights.append((self._numbers[0], batch[np.argsort(batch[:, 0], kind="stable")]))
 
-    def _log(self, events: Array, begins: Array, log: Array) -> None:
+    def _log(self, events: Array, begins: Array, number: Array, new: Array, log: Array) -> None:
         self._room = min(float(_MESSAGES), self._room + _RATE * (self.wall - self._logged_at))
         self._logged_at = self.wall
-        message = events["message"][begins]
+        message = events["message"][begins[new]]
         self._kinds.update(message.tolist())
         count = np.array([self._kinds[number] for number in message.tolist()])
         texts = min(int((message == STATUSTEXT).sum()), _MESSAGES)  # which do not wait for others
-        kept = np.lexsort((count, message != STATUSTEXT))[: max(texts, int(self._room))]
+        kept = new[np.lexsort((count, message != STATUSTEXT))[: max(texts, int(self._room))]]
         self._room -= len(kept)
-        after = np.append(begins[1:], len(events))
+        outcome = events["outcome"]
+        heard, lost = (np.bincount(number[of], minlength=len(begins)) for of in (outcome == BY_RADIO, _LOST[outcome]))
         waiting = {tuple(int(events[name][begins[i]]) for name in _KEY): i for i in kept}
         payloads = _payloads(log.tobytes(), {*waiting})
         for key, i in sorted(waiting.items()):
-            of_packet = events["outcome"][begins[i] : after[i]]
-            heard, lost = int((of_packet == BY_RADIO).sum()), int(_LOST[of_packet].sum())
-            entry = (key[0] / 1e9, int(events["source"][begins[i]]), key[4], heard, lost, payloads.get(key, b""))
+            of_packet = int(heard[i]), int(lost[i])
+            entry = (key[0] / 1e9, int(events["source"][begins[i]]), key[4], *of_packet, payloads.get(key, b""))
             self._numbers[1] += 1
             self._messages.append((self._numbers[1], entry))
 

@@ -94,6 +94,23 @@ def test_mat_as_modelica_tools_read_it(exported: dict[str, Path], table: pa.Tabl
     assert read.data("drone3.vehicle.mass").tolist() == [1.545, 1.545]
 
 
+def test_mat_has_parameters_at_the_start_and_at_the_end(flown: Path, tmp_path: Path) -> None:
+    def heavier(manifest: Any) -> None:
+        name = "drone3.vehicle.mass"
+        manifest["changes"] = [
+            *(
+                {"time": time, "variable": name, "value": value}
+                for time, value in ((0.5, 1.7), (1.0, 2.0), (99.0, 9.0))
+            ),
+            {"time": 0.5, "variable": "drone3.agent.social", "value": True},
+        ]
+
+    export_run(edited(flown, tmp_path / "run", heavier), NAMED["mat"], tmp_path / "run.mat", Options())
+    read = DyMatFile(str(tmp_path / "run.mat"))
+    assert read.data("drone3.vehicle.mass").tolist() == [1.545, 2.0]
+    assert read.data("drone2.vehicle.mass").tolist() == [1.545, 1.545]
+
+
 def mcap_messages(file: Path) -> dict[str, list[tuple[int, Any]]]:
     found: dict[str, list[tuple[int, Any]]] = defaultdict(list)
     with file.open("rb") as opened:
