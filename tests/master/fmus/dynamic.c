@@ -51,18 +51,26 @@ enum { NX = 1, NZ = 0, DER = 1 };
 
 typedef struct {
     int mode, step_events;
-    double time, next, r[8], z;
+    double time, next, r[8], z, promised; /* promised: no state from before it is restored */
     int n[4];
     int b[1];
     char text[2][64];
     char name[64];
 } Dynamic;
 
+static int put_back(Dynamic *p, const Dynamic *state) {
+    double promised = p->promised;
+    if (state->time < promised - 1e-9) return ERROR;
+    memcpy(p, state, sizeof *p);
+    p->promised = promised;
+    return OK;
+}
+
 static Dynamic *made(const char *name) {
     Dynamic *p = calloc(1, sizeof *p);
     snprintf(p->name, sizeof p->name, "%s", name);
     p->mode = INSTANTIATED;
-    p->next = INFINITY;
+    p->next = INFINITY, p->promised = -INFINITY;
 #if MODEL == DAHLQUIST
     p->r[0] = 1, p->r[2] = 1;
 #elif MODEL == VANDERPOL
@@ -293,7 +301,7 @@ EXPORT int fmi2NewDiscreteStates(Dynamic *p, EventInfo *info) {
 }
 EXPORT int fmi2EnterContinuousTimeMode(Dynamic *p) { return p->mode == EVENT ? (p->mode = CONTINUOUS, OK) : ERROR; }
 EXPORT int fmi2CompletedIntegratorStep(Dynamic *p, int no_set, int *enter_event, int *ends) {
-    (void)no_set;
+    if (no_set) p->promised = p->time;
     *ends = 0;
     *enter_event = MODEL == DRIVE && floor(p->r[0]) > p->step_events;
     return p->mode == CONTINUOUS ? OK : ERROR;
@@ -331,7 +339,7 @@ EXPORT int fmi2GetFMUstate(Dynamic *p, void **state) {
     memcpy(*state, p, sizeof *p);
     return OK;
 }
-EXPORT int fmi2SetFMUstate(Dynamic *p, const void *state) { return memcpy(p, state, sizeof *p), OK; }
+EXPORT int fmi2SetFMUstate(Dynamic *p, const void *state) { return put_back(p, state); }
 EXPORT int fmi2FreeFMUstate(Dynamic *p, void **state) { return (void)p, free(*state), *state = NULL, OK; }
 EXPORT int fmi2SerializedFMUstateSize(Dynamic *p, void *state, size_t *n) { return (void)state, *n = sizeof *p, OK; }
 EXPORT int fmi2SerializeFMUstate(Dynamic *p, void *state, char *bytes, size_t n) {
@@ -449,7 +457,7 @@ EXPORT int fmi3UpdateDiscreteStates(Dynamic *p, bool *again, bool *ends, bool *n
 }
 EXPORT int fmi3EnterContinuousTimeMode(Dynamic *p) { return p->mode == EVENT ? (p->mode = CONTINUOUS, OK) : ERROR; }
 EXPORT int fmi3CompletedIntegratorStep(Dynamic *p, bool no_set, bool *enter_event, bool *ends) {
-    (void)no_set;
+    if (no_set) p->promised = p->time;
     *ends = false;
     *enter_event = MODEL == DRIVE && floor(p->r[0]) > p->step_events;
     return p->mode == CONTINUOUS ? OK : ERROR;
@@ -485,7 +493,7 @@ EXPORT int fmi3GetFMUState(Dynamic *p, void **state) {
     memcpy(*state, p, sizeof *p);
     return OK;
 }
-EXPORT int fmi3SetFMUState(Dynamic *p, const void *state) { return memcpy(p, state, sizeof *p), OK; }
+EXPORT int fmi3SetFMUState(Dynamic *p, const void *state) { return put_back(p, state); }
 EXPORT int fmi3FreeFMUState(Dynamic *p, void **state) { return (void)p, free(*state), *state = NULL, OK; }
 EXPORT int fmi3SerializedFMUStateSize(Dynamic *p, void *state, size_t *n) { return (void)state, *n = sizeof *p, OK; }
 EXPORT int fmi3SerializeFMUState(Dynamic *p, void *state, char *bytes, size_t n) {

@@ -10,7 +10,8 @@ enum { OK, WARNING, DISCARD, ERROR, FATAL };
 
 #define INSTANCE                                                                                                       \
     int state;                                                                                                         \
-    double time;                                                                                                       \
+    double time, promised; /* no state from before it is restored; only if has_promised */                             \
+    bool has_promised;                                                                                                 \
     void *environment;                                                                                                 \
     Logger logger;                                                                                                     \
     char name[64]
@@ -45,7 +46,11 @@ EXPORT void fmi3FreeInstance(void *instance) { free(instance); }
         return OK;                                                                                                     \
     }                                                                                                                  \
     EXPORT int fmi3SetFMUState(Instance *s, const void *state) {                                                       \
+        Instance now = *s;                                                                                             \
+        if (s->has_promised && ((const Instance *)state)->time < s->promised - 1e-9)                                   \
+            return complain(s, "fmi3SetFMUState although promised not to go back before %g", s->promised);             \
         memcpy(s, state, sizeof *s);                                                                                   \
+        s->promised = now.promised, s->has_promised = now.has_promised;                                                \
         return OK;                                                                                                     \
     }                                                                                                                  \
     EXPORT int fmi3FreeFMUState(Instance *s, void **state) {                                                           \

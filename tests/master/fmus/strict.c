@@ -39,7 +39,7 @@ typedef struct {
     const Callbacks *callbacks;
     Callbacks copy;
     int again, state, states, was_set, fixed, has_stop, terminated;
-    double start, stop, h, last;
+    double start, stop, h, last, promised; /* promised: no state from before it is restored */
     char *text;
     Values v;
 } Strict;
@@ -104,7 +104,7 @@ EXPORT int fmi2SetDebugLogging(Strict *p, int on, size_t n, const char *const ca
 EXPORT int fmi2SetupExperiment(Strict *p, int has_tolerance, double tolerance, double start, int has_stop, double stop) {
     (void)has_tolerance, (void)tolerance;
     if (!entered(p, "fmi2SetupExperiment", INSTANTIATED)) return 3;
-    p->start = p->v.time = start, p->has_stop = has_stop, p->stop = stop;
+    p->start = p->v.time = p->promised = start, p->has_stop = has_stop, p->stop = stop;
     return answer(p);
 }
 
@@ -130,8 +130,8 @@ EXPORT int fmi2Terminate(Strict *p) {
 }
 
 EXPORT int fmi2DoStep(Strict *p, double t, double h, int no_return) {
-    (void)no_return;
     if (!entered(p, "fmi2DoStep", COMPLETE)) return 3;
+    if (no_return) p->promised = t;
     char shown[80];
     snprintf(shown, sizeof shown, " %.12g + %.12g", t, h);
     line("STRICT_CALLS", p->name, "step", shown);
@@ -296,6 +296,7 @@ EXPORT int fmi2GetFMUstate(Strict *p, Saved **saved) {
 EXPORT int fmi2SetFMUstate(Strict *p, Saved *saved) {
     if (!entered(p, "fmi2SetFMUstate", ~(PENDING | CANCELED))) return 3;
     if (!saved || saved->owner != p) line("STRICT_LOG", p->name, "fmi2SetFMUstate", " of another's state");
+    if (saved->v.time < p->promised - 1e-9) line("STRICT_LOG", p->name, "fmi2SetFMUstate", " although promised not to go back");
     double y = p->v.real[Y];
     p->v = saved->v, p->state = saved->state;
     if (p->v.mode == 10) p->v.real[Y] = y;

@@ -113,8 +113,8 @@ EXPORT int fmi3UpdateDiscreteStates(Strict *s, bool *again, bool *terminate, boo
 }
 
 EXPORT int fmi3DoStep(Strict *s, double t, double h, bool no_set_prior, bool *event, bool *terminate, bool *early, double *last) {
-    (void)no_set_prior;
     ALLOWED(s, "fmi3DoStep", STEP | DISCARDED);
+    if (no_set_prior) s->promised = t, s->has_promised = true;
     if (!(h > 0) || fabs(t - s->time) > 1e-9 || t + h > s->stop + 1e-9) return complain(s, "fmi3DoStep from %g by %g, time is %g", t, h, s->time);
     if (s->event_mode && t + h > s->next + 1e-9) return complain(s, "fmi3DoStep to %g, beyond the next event at %g", t + h, s->next);
     note(s, "step", h);

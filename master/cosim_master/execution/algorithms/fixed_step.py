@@ -18,7 +18,7 @@ from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.driver import Driver, Steps
 from cosim_master.execution.run.snapshot import Snapshot
 from cosim_master.execution.run.state import RunState
-from cosim_master.stepping.kernels.tables import K
+from cosim_master.stepping.kernels.tables import FINAL, K
 
 __all__ = ["FixedStep"]
 
@@ -67,6 +67,9 @@ class FixedStep:
     def prepare(self) -> None:
         # FMUs compiled by this project never discard a step, so swarms of them need no copies of their states.
         if not self._unrepeatable and not all(one.library.own for one in self._state.slaves):
+            self._state.plan.counters[FINAL] = 0
+            for one in self._state.slaves:
+                one.final = False
             self._snapshot = Snapshot(self._state)
             self._driver.on_room = self._save
             self._save()

@@ -343,7 +343,7 @@ class Exchanged2(_Exchanged, Instance2):
 
     def _completed(self) -> tuple[bool, bool]:
         needed, ends = ctypes.c_int(0), ctypes.c_int(0)
-        self.call("fmi2CompletedIntegratorStep", ctypes.c_int(1), ctypes.byref(needed), ctypes.byref(ends))
+        self.call("fmi2CompletedIntegratorStep", ctypes.c_int(self.final), ctypes.byref(needed), ctypes.byref(ends))
         return bool(needed.value), bool(ends.value)
 
     def exit_initialization_mode(self) -> None:
@@ -442,7 +442,7 @@ class Exchanged3(_Exchanged, Instance3):
 
     def _completed(self) -> tuple[bool, bool]:
         needed, ends = ctypes.c_bool(False), ctypes.c_bool(False)
-        self.call("fmi3CompletedIntegratorStep", ctypes.c_bool(True), ctypes.byref(needed), ctypes.byref(ends))
+        self.call("fmi3CompletedIntegratorStep", ctypes.c_bool(self.final), ctypes.byref(needed), ctypes.byref(ends))
         return needed.value, ends.value
 
     def exit_initialization_mode(self) -> None:
