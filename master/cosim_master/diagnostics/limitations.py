@@ -76,7 +76,8 @@ _ONE_PROCESS = (
     "canBeInstantiatedOnlyOncePerProcess, and Python FMUs with different modules of the same name"
 )
 _CLOCKED_STEPS = (
-    "connections of Clocks between instances with different step sizes; ticks during a step that must not be shortened"
+    "connections of Clocks between instances with different step sizes; ticks and announced events during a step that "
+    "must not be shortened"
 )
 _CHANGES = "changes (--at) of clocked variables, of structural parameters (reconfiguration), and during a step"
 _WIDE = "enumerations with values that need more than 32 bits, if they are outputs, connected or set"
@@ -322,7 +323,7 @@ MISSED_TICK = Limitation(
     "FMI 3.0.2, 2.4.7",
     _CLOCKED_STEPS,
     "failure",
-    "a Clock ticks at {} s, in the middle of a step, and it cannot take a shorter one",
+    "an event or a tick of a Clock is at {} s, in the middle of a step, and it cannot take a shorter one",
 )
 CLOCKED_CHANGE = Limitation(
     "Runs",
@@ -579,6 +580,12 @@ LOOP_EVENTS = Limitation(
     _LOOPS,
     "error",
     "{}: {} is part of a loop, and its FMU has Event Mode, which cannot be iterated",
+)
+INPUTS_BY_STEP = Limitation(
+    "Runs",
+    "discrete inputs of FMUs with Event Mode that change in Step Mode, with other algorithms than jacobi",
+    "note",
+    "its discrete inputs {} change in Step Mode with algorithm {}: it may see new values at its next event only",
 )
 STEP_CONTROL = Limitation(
     "Runs",

@@ -106,9 +106,9 @@ Row = tuple[int, ...]
 """The columns of a CALL row."""
 
 
-def call_of(v: Variable) -> tuple[str, bool, bool]:
+def call_of(v: Variable) -> tuple[str, bool, bool, bool]:
     """Returns a grouping key: variables of an instance with equal keys are accessed in one call."""
-    return v.fmi_type, v.wide, bool(v.clocks)
+    return v.fmi_type, v.wide, bool(v.clocks), v.by_event
 
 
 class CallMemory:
@@ -222,25 +222,33 @@ class Calls2:
 
 
 class Calls3:
-    """The calls of an instance of FMI 3, with the conversions of its types; arguments as of `Calls2`."""
+    """The calls of an instance of FMI 3, with the conversions of its types; arguments as of `Calls2`.
+
+    Args:
+        inputs_by_event: whether discrete inputs are set in Event Mode, and not by these calls.
+    """
 
     binary = True
 
-    def __init__(self, address: Callable[[str], int], handle: int, memory: CallMemory) -> None:
+    def __init__(
+        self, address: Callable[[str], int], handle: int, memory: CallMemory, *, inputs_by_event: bool = False
+    ) -> None:
         self._address, self._handle, self._memory = address, handle, memory
+        self._inputs_by_event = inputs_by_event
 
     def values(self, verb: str, kind: str, variables: Sequence[Variable], values: int) -> list[Row]:
         rows: list[Row] = []
         size, first = 8 if kind == "Real" else 4, 0
         while first < len(variables):
-            fmi_type, wide, clocked = key = call_of(variables[first])
+            fmi_type, wide, clocked, by_event = key = call_of(variables[first])
             last = first
             references: list[int] = []
             while last < len(variables) and call_of(variables[last]) == key:
                 if not variables[last].element:  # a scalar, or the first element of an array
                     references.append(variables[last].value_reference)
                 last += 1 + wide
-            if not clocked:  # variables of Clocks are set and read in Event Mode
+            # Variables of Clocks are set and read in Event Mode.
+            if not clocked and not (by_event and self._inputs_by_event):
                 n = (last - first) // (1 + wide)
                 rows.append(self._converted(f"fmi3{verb}{fmi_type}", references, n, values + size * first, wide=wide))
             first = last

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 
 from cosim_master.diagnostics.errors import FmuError, RunFailed
-from cosim_master.fmi.slaves.slave import Slave
+from cosim_master.fmi.slaves.slave import Slave, has_event_mode
 from cosim_master.stepping.failures import reached
 from cosim_master.stepping.kernels.tables import LAST, K, Plan
 from cosim_master.stepping.layout import Layout
@@ -44,7 +44,8 @@ class Texts:
         for link in layout.strings:
             source, target = (number[link.source[0]], link.source[1]), number[link.target[0]]
             variable = slaves[target].fmu.variables[link.target[1]]
-            if not variable.clocks:
+            slave = slaves[target]
+            if not variable.clocks and not (has_event_mode(slave) and slave.inputs_by_event):
                 self._links.append((source, target, variable, link))
             self.outputs[source] = ""
         self._recorded = [(number[instance.name], variable.name) for _, instance, variable in layout.string_signals]

@@ -18,6 +18,7 @@ from cosim_master.diagnostics import limitations
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.diagnostics.limitations import LIMITATIONS, Limitation, table
 from cosim_master.execution.options import RunOptions
+from cosim_master.execution.preparation.prepare import prepare
 from cosim_master.execution.simulate import simulate
 from cosim_master.files import archive
 from cosim_master.fmi.description import read_fmi3 as fmu3
@@ -360,7 +361,7 @@ def of_fmi3(stricts3: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
         return made
 
     def long() -> Path:
-        made = alone()
+        made = alone('<Float64 name="own" valueReference="90" causality="local"/>')  # no FMU that was read before
         monkeypatch.setattr(fmu3, "_MAX_ELEMENTS", 1)
         return made
 
@@ -608,6 +609,18 @@ def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Prov
         probes.fmu()
         return ran(probes.ssd(probes.component("a", p=1.0), "a/y a/u"))
 
+    def by_step() -> Said:
+        """What is said of it before a run, in which the strict FMU would fail."""
+        stricts3.fmu(flags=f'hasEventMode="true" {ABLE}')
+        ports = "i32_in[1]:input i32_out[1]:output"
+        parts = stricts3.component("a", ports=ports) + stricts3.component("b", ports=ports)
+        wire = stricts3.workshop.connection("a/i32_out[1]", "b/i32_in[1]")
+        inside = '<master xmlns="https://uav-cosim.org/ns/1" algorithm="gauss-seidel"/>'
+        after = stricts3.workshop.annotation("org.uav-cosim.master", inside)
+        path = stricts3.workshop.ssd("m.ssd", stricts3.workshop.system(parts, wire, after=after))
+        with read_system(path) as structure:
+            return "note", list(prepare(check(structure)).notes)
+
     def not_a_number() -> Said:
         probes.fmu()
         return ran(probes.ssd(probes.component("a", mode=5, when=1.0)))
@@ -633,6 +646,7 @@ def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Prov
         "EXTRAPOLATION": lambda: coupled('algorithm="jacobi" extrapolation="1"'),
         "LOOP_STATE": lambda: coupled('algorithm="fixed-point"'),
         "LOOP_EVENTS": lambda: coupled('algorithm="quasi-newton"', events=True),
+        "INPUTS_BY_STEP": by_step,
         "STEP_CONTROL": lambda: coupled('algorithm="richardson"'),
         "STEP_COUNTS": lambda: coupled('algorithm="var-step"', crossing, flags=flags),
         "STEP_EVENTS": lambda: coupled('algorithm="var-step"', flags=flags, events=True, state=False),

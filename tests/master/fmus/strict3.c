@@ -149,6 +149,10 @@ EXPORT int fmi3DoStep(Strict *s, double t, double h, bool no_set_prior, bool *ev
 #define GETTABLE (INITIALIZATION | EVENT | STEP | TERMINATED)
 #define SETTABLE (INSTANTIATED | INITIALIZATION | EVENT | STEP)
 
+/* 2.4.7: where Event Mode is used, discrete inputs change in it only. */
+#define IN_EVENT_MODE(s, function)                                                                                     \
+    if ((s)->event_mode && (s)->state == STEP) return complain(s, function ": a discrete input in Step Mode")
+
 #define NUMBERS(Type, type, place, field)                                                                              \
     EXPORT int fmi3Get##Type(Strict *s, const uint32_t vr[], size_t n, type value[], size_t n_values) {                \
         ALLOWED(s, "fmi3Get" #Type, GETTABLE);                                                                            \
@@ -162,6 +166,7 @@ EXPORT int fmi3DoStep(Strict *s, double t, double h, bool no_set_prior, bool *ev
     }                                                                                                                  \
     EXPORT int fmi3Set##Type(Strict *s, const uint32_t vr[], size_t n, const type value[], size_t n_values) {          \
         ALLOWED(s, "fmi3Set" #Type, SETTABLE);                                                                            \
+        if (place > 2) IN_EVENT_MODE(s, "fmi3Set" #Type);                                                              \
         if (n_values != 2 * n) return complain(s, "fmi3Set" #Type ": %d values of %d arrays", (int)n_values, (int)n);  \
         for (size_t i = 0; i < n; i++) {                                                                               \
             if (vr[i] != place) return complain(s, "fmi3Set" #Type ": value reference %d", (int)vr[i]);                \
@@ -216,6 +221,7 @@ EXPORT int fmi3GetInt32(Strict *s, const uint32_t vr[], size_t n, int32_t value[
 }
 EXPORT int fmi3SetInt32(Strict *s, const uint32_t vr[], size_t n, const int32_t value[], size_t n_values) {
     ALLOWED(s, "fmi3SetInt32", SETTABLE);
+    IN_EVENT_MODE(s, "fmi3SetInt32");
     const int32_t *end = value + n_values;
     for (size_t i = 0; i < n; i++) {
         if (FIXED(s, vr[i])) return complain(s, "fmi3SetInt32 of a fixed parameter");
@@ -236,6 +242,7 @@ EXPORT int fmi3GetInt64(Strict *s, const uint32_t vr[], size_t n, int64_t value[
 }
 EXPORT int fmi3SetInt64(Strict *s, const uint32_t vr[], size_t n, const int64_t value[], size_t n_values) {
     ALLOWED(s, "fmi3SetInt64", SETTABLE);
+    IN_EVENT_MODE(s, "fmi3SetInt64");
     const int64_t *end = value + n_values;
     for (size_t i = 0; i < n; i++) {
         if (vr[i] == E_IN) s->item[0] = *value++;
@@ -251,6 +258,7 @@ EXPORT int fmi3GetString(Strict *s, const uint32_t vr[], size_t n, const char *v
 }
 EXPORT int fmi3SetString(Strict *s, const uint32_t vr[], size_t n, const char *const value[], size_t n_values) {
     ALLOWED(s, "fmi3SetString", SETTABLE);
+    IN_EVENT_MODE(s, "fmi3SetString");
     if (n != 1 || n_values != 1 || vr[0] != S_IN) return complain(s, "fmi3SetString");
     snprintf(s->text[0], sizeof s->text[0], "%s", value[0]);
     return OK;
@@ -263,6 +271,7 @@ EXPORT int fmi3GetBinary(Strict *s, const uint32_t vr[], size_t n, size_t size[]
 }
 EXPORT int fmi3SetBinary(Strict *s, const uint32_t vr[], size_t n, const size_t size[], const unsigned char *const value[], size_t n_values) {
     ALLOWED(s, "fmi3SetBinary", SETTABLE);
+    IN_EVENT_MODE(s, "fmi3SetBinary");
     if (n != 1 || n_values != 1 || vr[0] != D_IN || size[0] > sizeof s->bytes[0]) return complain(s, "fmi3SetBinary");
     memcpy(s->bytes[0], value[0], size[0]);
     s->sizes[0] = size[0];

@@ -10,7 +10,8 @@
 
 Between communication points, an FMU handles its events with its current inputs, alone or together with the FMUs that
 Clocks connect it to (`clock_groups.lockstep`). Other FMUs see its outputs at the next communication point. There, all
-FMUs in Event Mode exchange values until no value changes.
+FMUs in Event Mode exchange values until no value changes. Discrete inputs change in Event Mode only (2.4.7): an FMU
+enters it at the beginning of a step when one of them gets a new value from an FMU without an event.
 
 At each super-dense instant, Clocks that are due are set. Then, until no value changes, ticks are passed on to connected
 Clocks, and values to inputs; an input that belongs to a Clock is set only while this Clock ticks. Finally, discrete
@@ -24,6 +25,8 @@ import copy
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from cosim_master.diagnostics.errors import CosimError, FmuError
 from cosim_master.diagnostics.limitations import MISSED_TICK, UNSETTLED
@@ -133,6 +136,24 @@ class Events:
                     self._fired.setdefault(target, []).append((source, own))
             if variable.clocks:
                 self.keep(source, variable)
+        self._by_event: dict[int, list[tuple[FlatConnection, Variable]]] = {}
+
+    def set_inputs_by_event(self) -> None:
+        """Leaves discrete inputs that are connected to this object, and not to the loop."""
+        for i in self.numbers:
+            ends = [(link, self._slaves[i].fmu.variables[link.target[1]]) for _, link in self._links[i]]
+            if found := [(link, end) for link, end in ends if end.by_event]:
+                self._by_event[i] = found
+        for members in {self.groups[i] for i in self._by_event}:
+            for i in members:
+                self._one(i).inputs_by_event = True
+
+    def _has_new_inputs(self, i: int, held: Callable[[FlatConnection], Any]) -> bool:
+        """Returns whether a discrete input of an instance in Step Mode is to get another value than it has."""
+        if not (ends := self._by_event.get(i)):
+            return False
+        values = self._one(i).get([end for _, end in ends])
+        return any(not _same(_as(end, held(link)), value) for (link, end), value in zip(ends, values, strict=True))
 
     def _one(self, i: int) -> EventSlave:
         one = self._slaves[i]
@@ -206,13 +227,17 @@ class Events:
             EndedByEvent: an FMU requests the end of the simulation.
         """
         clock = variable.clock is not None
-        if not clock:
+        # FMI 3.0.2, 2.4.7: discrete inputs and tunable parameters change in Event Mode only, where it is used.
+        by_event = i in self._links and variable.variability != "continuous"
+        if not clock and not by_event:
             self._slaves[i].set([variable], [value])
-        if not clock and not (i in self._schedules and self._schedules[i].depends):
-            return []
+            if not (i in self._schedules and self._schedules[i].depends):
+                return []
         self.enter([i])
         if clock:
             self._schedules[i].retune(variable, float(value), now)
+        elif by_event:
+            self._slaves[i].set([variable], [value])
         return self.settle(now, [i], self.groups[i], held=held)
 
     def settle(
@@ -435,6 +460,10 @@ class Events:
             EndedByEvent: an FMU requests the end of the simulation.
         """
         rounded, near = near > 0.0, max(1e-9 * max(end - t, abs(end) * 1e-3), near)
+        if not begun and held is not None and (new := [i for i in members if self._has_new_inputs(i, held)]):
+            for i in members:
+                self._one(i).time = t
+            self.settle(round(t * 1e9), self.enter(new), members, held=held)
         for _ in range(_MOST_STEPS):
             until = min(end, max(min(self._one(i).next_event for i in members), t))
             until = end if rounded and until > end - near else until
@@ -472,11 +501,18 @@ class Events:
         one = self._one(i)
         one.time = t
         variable = one.fmu.capabilities.canHandleVariableCommunicationStepSize
-        if until < end and i in self._schedules and not variable:
+        if until < end and not variable:
             text = f"{MISSED_TICK.text(f'{until:.9g}')} (canHandleVariableCommunicationStepSize is false); "
-            text += "its step size must divide interval and shift"
+            text += "give it a step size that divides " + (
+                "interval and shift" if i in self._schedules else "the times of its events"
+            )
             raise FmuError(one.name, "fmi3DoStep", text, t, one.lines)
         one.do_step(t, until - t)
+
+
+def _as(variable: Variable, value: Any) -> Any:
+    """Returns a value as its input has it."""
+    return np.float32(value).item() if variable.fmi_type == "Float32" else value
 
 
 def _same(a: Any, b: Any) -> bool:

@@ -124,6 +124,8 @@ def open_run(
     tell(f"initializing {here} FMU instances")
     with phase("initialize"):
         event_mode = EventMode(checked, layout, slaves, clock.start_ns, master.delays)
+        if master.sets_inputs_by_event:
+            event_mode.events.set_inputs_by_event()
         begun = checked if share is None else _without(checked, elsewhere)
         initialize(begun, slaves, clock.time(0), clock.time(clock.steps), event_mode.events)
     free = [i for i, one in enumerate(slaves) if one.library.thread_safe and not master.sequence]

@@ -102,6 +102,11 @@ class Variable:
         """True if its value does not change after initialization (variability: FMI 2.0.5, 2.2.7; FMI 3.0.2, 2.4.7)."""
         return self.variability in ("constant", "fixed")
 
+    @property
+    def by_event(self) -> bool:
+        """True if it is an input that changes in Event Mode only, where its FMU uses it, and at no Clock (2.4.7)."""
+        return self.causality == "input" and self.variability == "discrete" and not self.clocks
+
     def parsed(self, text: str) -> Start:
         """Returns a value written as text; for an enumeration, this is the item's name or number.
 

@@ -92,6 +92,7 @@ class Instance3:
         self.final = True  # no state from before a step is restored after it
         self._answers = (ctypes.c_ubyte * _ANSWERS)()
         self.next_event = math.inf
+        self.inputs_by_event = False
         # Objects that the FMU refers to must live as long as the instance.
         self._logger = _LOGGER(self._log)
         self._arrays: dict[int, list[Variable]] = {}
@@ -306,7 +307,7 @@ class Instance3:
 
     def calls(self, memory: CallMemory) -> Calls3:
         """Returns the calls by which the loop sets and gets its values."""
-        return Calls3(self.library.address, self.handle, memory)
+        return Calls3(self.library.address, self.handle, memory, inputs_by_event=self.inputs_by_event)
 
     def step_address(self) -> int:
         """Returns the address of the function that makes a step."""
@@ -316,7 +317,7 @@ class Instance3:
         """Sets the address at which the stepping loop stores the answers of fmi3DoStep (`tables.ANSWERS`)."""
         own, next_event = (ctypes.c_ubyte * _ANSWERS).from_address(address), self.next_event
         self._answers = own
-        self.next_event, own[24] = next_event, int(self.event_mode)
+        self.next_event, own[24], own[26] = next_event, int(self.event_mode), int(self.inputs_by_event)
 
     @property
     def next_event(self) -> float:

@@ -130,7 +130,13 @@ class Slave(Protocol):
 
 
 class EventSlave(Slave, Protocol):
-    """A slave with Event Mode and Clocks: FMI 3."""
+    """A slave with Event Mode and Clocks: FMI 3.
+
+    Attributes:
+        inputs_by_event: whether the loop leaves discrete inputs to Event Mode, to be set before `calls`.
+    """
+
+    inputs_by_event: bool
 
     @property
     def early_return(self) -> bool: ...

@@ -240,7 +240,8 @@ def _do_step3(m: Any, t: float, h: float, final: int, near: float) -> Any:
         return ENDED if load_u1(np.uintp(m.answers + np.uintp(1))) != 0 else EARLY
     slack = max(1e-9 * max(h, abs(t) * 1e-3), near)
     following = load_f8(np.uintp(m.answers + np.uintp(16)))
-    if following < t + h - slack:
+    changes_by_event = load_u1(np.uintp(m.answers + np.uintp(26))) != 0
+    if changes_by_event or following < t + h - slack:
         store_i1(np.uintp(m.answers + np.uintp(25)), BEGIN)
         return LEFT
     status = do_step3(m.do_step, m.handle, t, h, final, m.answers)

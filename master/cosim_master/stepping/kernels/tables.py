@@ -103,7 +103,7 @@ ANSWERS = 32
 """Bytes of the answers of an FMI 3 instance: event handling needed, terminate simulation, early return (a byte each),
 at 8 the last successful time, s. For the loop: at 16 the time of its next event, s; at 24 whether it uses Event Mode;
 at 25 whether `super_dense` must still begin its step (BEGIN) or end it (END), or has outputs to be shown at its end
-(SHOW).
+(SHOW); at 26 whether it must begin every step, because it sets inputs in Event Mode.
 """
 BEGIN, END, SHOW = 1, 2, 3
 NO_EVENT = 0xFFFF00

@@ -34,6 +34,7 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 from cosim_master.diagnostics.limitations import (
     EXTRAPOLATION,
     FINE_GRID,
+    INPUTS_BY_STEP,
     LOOP_EVENTS,
     LOOP_STATE,
     STEP_CONTROL,
@@ -151,6 +152,14 @@ class MasterSettings:
     def variable(self) -> bool:
         """True if step sizes are determined during the run."""
         return ALGORITHMS[self.algorithm].variable
+
+    @property
+    def sets_inputs_by_event(self) -> bool:
+        """True if discrete inputs of FMUs with Event Mode change in Event Mode, before steps that Python makes.
+
+        Where FMUs step one after the other, or go back, those behind them would not see the outputs of these steps.
+        """
+        return self.algorithm == "jacobi"
 
     @property
     def in_python(self) -> bool:
@@ -280,8 +289,21 @@ def master_settings_of(checked: CheckedSystem) -> MasterSettings:
         irreversible=irreversible,
         nan=nan,
         where=reader.where,
-        notes=notes,
+        notes=(*notes, *_by_step(checked, algorithm)),
     )
+
+
+def _by_step(checked: CheckedSystem, algorithm: str) -> tuple[str, ...]:
+    """Returns the notes on connected discrete inputs of FMUs with Event Mode that change in Step Mode."""
+    if algorithm == "jacobi":
+        return ()
+    fmus = {one.name: one.fmu for one in checked.instances if one.fmu.capabilities.hasEventMode}
+    found: dict[str, dict[str, None]] = {}
+    for link in checked.links:
+        name, port = link.target
+        if name in fmus and fmus[name].variables[port].by_event:
+            found.setdefault(name, {})[port] = None
+    return tuple(f"{name}: {INPUTS_BY_STEP.text(', '.join(ports), algorithm)}" for name, ports in found.items())
 
 
 def connected(checked: CheckedSystem, master: MasterSettings) -> CheckedSystem:

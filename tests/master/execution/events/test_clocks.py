@@ -257,7 +257,9 @@ def test_ticks_that_an_fmu_cannot_hit(stricts3: Any) -> None:
     clocked(stricts3, "a.fmu", "constant", period=0.3, flags='hasEventMode="true"')
     result = simulate(stricts3.ssd(stricts3.component("a", "a.fmu"), stop=1.0))
     assert result.outcome == "failed"
-    assert "a Clock ticks at 0.3 s, in the middle of a step, and it cannot take a shorter one" in str(result.error)
+    assert "a tick of a Clock is at 0.3 s, in the middle of a step, and it cannot take a shorter one" in str(
+        result.error
+    )
     assert stricts3.complaints == []
 
 

@@ -86,6 +86,20 @@ def test_the_time_of_the_next_event_bounds_the_step(stricts3: Any, tmp_path: Pat
     assert got["b.events"] == [1, 1, 1, 1]
 
 
+def test_an_announced_event_that_an_fmu_cannot_hit(stricts3: Any) -> None:
+    """Its step size cannot vary, and an event is within a step."""
+    stricts3.fmu(flags='hasEventMode="true"')
+    system = stricts3.ssd(stricts3.component("a", mode=11, when=0.6, longest=0.2), stop=1.5)
+    result = simulate(system, RunOptions())
+    assert result.outcome == "failed"
+    assert str(result.error) == (
+        "a: fmi3DoStep failed at t = 0.5 s: an event or a tick of a Clock is at 0.6 s, in the middle of a step, and it "
+        "cannot take a shorter one (canHandleVariableCommunicationStepSize is false); give it a step size that divides "
+        "the times of its events"
+    )
+    assert stricts3.complaints == []
+
+
 def test_discrete_states_are_updated_until_they_are_done(stricts3: Any, tmp_path: Path) -> None:
     stricts3.fmu(flags=EVENTS)
     ran(stricts3, stricts3.ssd(stricts3.component("a", mode=12, when=0.5), stop=1.0), out=tmp_path / "out")
@@ -105,6 +119,61 @@ def test_connected_fmus_are_iterated_at_one_time(stricts3: Any, tmp_path: Path) 
     assert [call for call in events(stricts3.calls) if "event" in call] == [
         *("a: event 1", "b: event 1", "a: event 1.5", "b: event 1.5")
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("i32_in[1]", "7"), ("b_in[2]", "true"), ("e_in", "5"), ("s_in", "x"), ("u64_in[1]", "9")]
+)
+def test_a_discrete_input_changes_at_an_event(stricts3: Any, tmp_path: Path, name: str, value: str) -> None:
+    """2.4.7: where Event Mode is used, in it only."""
+    stricts3.fmu(flags=EVENTS)
+    system = stricts3.ssd(stricts3.component("a"), stop=1.5)
+    ran(stricts3, system, out=tmp_path / "out", at=[(0.5, f"a.{name}", value)])
+    assert events(stricts3.calls) == ["a: step 0.5", "a: event 0.5", "a: step 0.5", "a: step 0.5"]
+    assert signals(tmp_path / "out")["a.events"][-1] == 2
+
+
+def test_a_continuous_input_changes_without_an_event(stricts3: Any, tmp_path: Path) -> None:
+    stricts3.fmu(flags=EVENTS)
+    ran(stricts3, stricts3.ssd(stricts3.component("a"), stop=1.0), out=tmp_path / "out", at=[(0.5, "a.f64_in[1]", "7")])
+    assert events(stricts3.calls) == ["a: step 0.5", "a: step 0.5"]
+
+
+WIRED = "i32_in[1]:input i32_out[1]:output s_in:input s_out:output f32_in[1]:input f32_out[1]:output"
+
+
+@pytest.mark.parametrize(
+    ("port", "value", "delay", "when"),
+    [
+        ("i32_{}[1]", "6", "", [1.0]),
+        ("s_{}", "x", "", [1.0]),
+        ("i32_{}[1]", "6", "0.5", [0.5, 1.5]),  # at first, it has its start value, 0, instead of 1
+        ("f32_{}[1]", "0.1", "", []),
+    ],
+)
+def test_a_discrete_input_from_an_fmu_without_events(
+    stricts3: Any, tmp_path: Path, port: str, value: str, delay: str, when: list[float]
+) -> None:
+    """Its output changes at the end of a step; the FMU with Event Mode gets it there, at an event and once."""
+    stricts3.fmu()
+    stricts3.fmu("events.fmu", flags=EVENTS)
+    workshop = stricts3.workshop
+    parts = stricts3.component("a", ports=WIRED) + stricts3.component("b", "events.fmu", ports=WIRED)
+    wire = workshop.connection(f"a/{port.format('out')}", f"b/{port.format('in')}")
+    inside = f'<connection to="b.{port.format("in")}" delay="{delay}"/>' if delay else ""
+    after = workshop.annotation(
+        "org.uav-cosim.master", f'<master xmlns="https://uav-cosim.org/ns/1" algorithm="jacobi">{inside}</master>'
+    )
+    experiment = '<ssd:DefaultExperiment startTime="0" stopTime="2"/>'
+    system = workshop.ssd("wired.ssd", workshop.system(parts, wire, after=after), experiment)
+    ran(stricts3, system, out=tmp_path / "out", at=[(0.5, f"a.{port.format('in')}", value)])
+    happened = [float(call.split()[-1]) for call in stricts3.calls if call.startswith("b: event")]
+    assert happened == when
+    got = signals(tmp_path / "out")
+    if port.startswith("i32"):
+        after_it = got["time"].index(when[-1])
+        assert got["b.i32_out[1]"][after_it : after_it + 2] == [2, 8]
+        assert got["b.events"][-1] == 1 + len(when)
 
 
 def test_updates_without_end_are_a_failure(stricts3: Any) -> None:
