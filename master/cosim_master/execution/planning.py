@@ -26,7 +26,7 @@ from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.layout import Layout, make_layout
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
-from cosim_master.system.reading.single_fmu import as_model_exchange, full_names
+from cosim_master.system.reading.single_fmu import as_model_exchange, full_names, full_patterns
 from cosim_master.system.settings.changes import Change, told
 from cosim_master.system.settings.network import Gateway, with_gateways
 from cosim_master.system.structure import SystemStructure
@@ -204,12 +204,13 @@ def _prepared(structure: SystemStructure, options: RunOptions, actions: Actions)
     checked = check(structure, overrides)
     if options.solver is not None:
         checked = _with_solver(checked, options.solver)
+    names = [f"{one.name}.{name}" for one in checked.instances[:1] for name in one.fmu.variables]
     ready = prepare(
         checked,
         until=options.until,
         step=options.step,
         seed=options.seed,
-        record=options.record,
+        record=full_patterns(structure, options.record, names),
         at=at,
         strict=options.strict,
         stimuli=None if options.inputs is None else read_stimuli(options.inputs, checked, [*overrides]),

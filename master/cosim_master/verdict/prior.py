@@ -6,6 +6,7 @@ Findings are not errors: the system can still be run. Each finding names the pro
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Iterator, Sequence
 
 from cosim.verdict import Role, Values
@@ -51,6 +52,10 @@ def known_before(
 # ---- inputs --------------------------------------------------------------------------------------------------------
 
 
+_INDEX = re.compile(r"\[[\d, ]+\]$")
+"""The end of the name of an element; `body[1].force` of other tools is no element."""
+
+
 def _open_inputs(checked: CheckedSystem, set_later: Collection[tuple[str, str]]) -> Iterator[Finding]:
     """Yields inputs that have neither a source nor a value: one finding per input of an FMU, not per instance.
 
@@ -77,7 +82,10 @@ def _open_inputs(checked: CheckedSystem, set_later: Collection[tuple[str, str]])
         instance, variables = of[0]
         names = _names([f"{one.name}.{base}" for one, _ in of])
         elements = f" ({len(variables)} elements)" if len(variables) > 1 else ""
-        stays = f"it stays at its start value {_value(variables[0])}"
+        values = list(dict.fromkeys(map(_value, variables)))
+        stays = f"it stays at its start value {values[0]}"
+        if len(values) > 1:
+            stays = f"they stay at their start values {_names(values)}"
         yield Finding(
             "open input",
             "warning" if instance.fmu.generation_tool == _OWN_TOOL else "note",
@@ -91,7 +99,7 @@ def _inputs_to_drive(fmu: FmuDescription) -> list[tuple[str, Variable]]:
     """Returns the inputs of an FMU that a source or the system should give a value, with their names without index."""
     optional = {name for name, verdict in fmu.verdicts.items() if verdict is Role.OPTIONAL}
     inputs = (
-        (v.name.partition("[")[0], v)
+        (_INDEX.sub("", v.name), v)
         for v in fmu.variables.values()
         if v.causality == "input" and v.packet_capacity is None and v.clock is None and not v.clocks
     )

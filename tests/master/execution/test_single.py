@@ -50,6 +50,19 @@ def test_an_fmu_alone_runs_as_fmpy_runs_it(dynamics: Any, fmi: int) -> None:
     assert manifest["system"]["path"] == str(file)
 
 
+def test_signals_are_recorded_by_the_names_of_variables(dynamics: Any) -> None:
+    """As they are set, with the name of the component or without."""
+    file = dynamics.fmu("VANDERPOL", 2, "CS", stop=0.5, step=0.25)
+    for patterns, expected in (
+        (["x"], ["x"]), (["Vanderpol.y"], ["y"]), (["x", "a*"], ["x", "asked"]), (["*.x"], ["x"]), (["*"], None)
+    ):  # fmt: skip
+        _, got = alone(file, record=patterns)
+        assert expected is None or list(got) == ["time", *(f"Vanderpol.{name}" for name in expected)]
+        assert len(got) > 1
+    with pytest.raises(SystemDescriptionError, match=r'"Vanderpol\.z" matches no output or local variable'):
+        alone(file, record=["z"])
+
+
 def test_start_and_stop_are_those_of_the_default_experiment(dynamics: Any) -> None:
     file = dynamics.fmu("DAHLQUIST", 2, "CS", start=1.0, stop=3.5, step=0.5)
     result, got = alone(file)

@@ -16,6 +16,7 @@ from cosim_master.cli.views.inspection import fmu_tables
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.reference_results import against_reference
 from cosim_master.fmi.description.datasheet import datasheet, findings
+from cosim_master.fmi.description.read import describe, platform
 
 LS = "extra/org.fmi-standard.fmi-ls-ref"
 MANIFEST = (
@@ -74,6 +75,28 @@ def test_everything_that_is_wrong_with_an_fmu(workshop: Any, variable: Any) -> N
     assert any('"1x"' in text for text in texts) or not any("1x" in str(p) for p in validate_fmu(str(file)))
     done = command("check", str(file))
     assert done.exit_code == 2 and "is not between its min and max" in done.output
+
+
+@pytest.mark.parametrize("good", [True, False])
+def test_an_alias_has_no_entry_of_its_own(workshop: Any, good: bool) -> None:
+    """FMPy expects one for each name (FMI 3.0.2, 2.4.7.5); an entry that is missing is still found."""
+    last = '<InitialUnknown valueReference="6"/>' if good else ""
+    file = workshop.pack(
+        "Al.fmu",
+        '<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="3.0" modelName="Al" '
+        'instantiationToken="al"><CoSimulation modelIdentifier="Al"/><ModelVariables>'
+        '<Float64 name="time" valueReference="1" causality="independent" variability="continuous"/>'
+        '<Float64 name="s" valueReference="5" causality="output"><Alias name="same"/><Alias name="too"/></Float64>'
+        '<Float64 name="r" valueReference="6" causality="output"/></ModelVariables><ModelStructure>'
+        f'<Output valueReference="5"/><Output valueReference="6"/><InitialUnknown valueReference="5"/>{last}'
+        "</ModelStructure></fmiModelDescription>",
+    )
+    with zipfile.ZipFile(file, "a") as archive:
+        archive.writestr(f"binaries/{platform(3)}/Al.so", b"")
+    assert "Expected {r, s, same, too}" in str(validate_fmu(file)).replace("{ ", "{").replace(" }", "}")
+    found = [one.message for one in findings(file) if "expected set" in one.message]
+    noted = [note for note in describe(file).notes if "expected set" in note]
+    assert (found == [], noted == []) == (good, good)
 
 
 def test_a_good_fmu_is_checked_and_prepared(dynamics: Any) -> None:

@@ -143,6 +143,22 @@ def before(path: Path, overrides: dict[str, str] | None = None) -> list[Finding]
         return known_before(checked, network_of(checked))
 
 
+def test_open_inputs_have_their_own_names(workshop: Workshop) -> None:
+    """Only an index at the end is that of an element."""
+    inputs = [variable(name, start=start) for name, start in (("body[1].f", "1"), ("body[2].t", "2"), ("m[1,1]", "3"))]
+    inputs += [variable("m[1,2]", start="4"), variable("body[3].k[1]", start="5"), variable("body[3].k[2]", start="5")]
+    workshop.fmu("a.fmu", *inputs, step=0.1)
+    root = workshop.system(workshop.component("a", "a.fmu") + workshop.component("b", "a.fmu"))
+    texts = [one.text.partition(";")[0] for one in before(workshop.ssd("s.ssd", root))]
+    sets = "and the system does not set it: it stays at its start value"
+    assert texts == [
+        f"nothing drives a.body[1].f, b.body[1].f, {sets} 1",
+        f"nothing drives a.body[2].t, b.body[2].t, {sets} 2",
+        "nothing drives a.m, b.m (2 elements), and the system does not set it: they stay at their start values 3, 4",
+        f"nothing drives a.body[3].k, b.body[3].k (2 elements), {sets} 5",
+    ]
+
+
 def test_open_inputs_are_told_once_for_all_instances(workshop: Workshop) -> None:
     """Of an FMU of another tool it is a note; connected, set, optional ones and packets are silent."""
     inputs = [variable(name) for name in ("u", "v", "wind[1]", "wind[2]")]

@@ -13,7 +13,7 @@ from lxml import etree
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.files import archive
 from cosim_master.files.xml import line_of, parse
-from cosim_master.fmi.description.read import describe, wrong_root
+from cosim_master.fmi.description.read import describe, is_of_aliases, wrong_root
 
 __all__ = ["datasheet", "findings"]
 
@@ -145,7 +145,7 @@ def findings(path: Path) -> list[Problem]:
         describe(path)
     except SystemDescriptionError as error:
         found += error.problems
-    for text in map(str, validate_fmu(shown)):
+    for text in (one for one in map(str, validate_fmu(shown)) if not is_of_aliases(one, root)):
         match = _LINE.search(text)
         line = int(match[1]) if match else None
         found.append(Problem(Where(document, line), _LINE.sub("", text, count=1).strip() if match else text))

@@ -18,7 +18,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from lxml import etree
 
@@ -53,6 +52,7 @@ _OSP = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 _DEFAULT: Any = {None: _OSP}  # lxml-stubs only know prefixes
 _OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 _KEPT = ("org.uav-cosim.master", "org.uav-cosim.network", "org.uav-cosim.recording")
+_ESCAPED = re.compile(r"[^A-Za-z0-9._~-]")  # in URIs (RFC 3986, section 2.3)
 _SSP1 = {"Float64": "Real", "Int32": "Integer"}
 
 
@@ -174,20 +174,24 @@ def _table_type(instance: ComponentInstance) -> str:
 
 
 def _copied(checked: CheckedSystem, folder: Path) -> dict[Path, str]:
-    """Returns copies of the FMUs, as file -> path in the folder. Files of the same name get a number."""
+    """Returns copies of the FMUs, as file -> path in the folder. Files of the same name get a number.
+
+    Other engines take the source as a path, although it is a URI: names are such that both are the same.
+    """
     copied: dict[Path, str] = {}
     taken: set[str] = set()
     for instance in checked.instances:
         source = instance.fmu.path
         if source in copied:
             continue
-        name, n = source.name, 1
+        stem, n = _ESCAPED.sub("_", source.stem), 1
+        name = f"{stem}{source.suffix}"
         while name.lower() in taken:
             n += 1
-            name = f"{source.stem}_{n}{source.suffix}"
+            name = f"{stem}_{n}{source.suffix}"
         taken.add(name.lower())
         shutil.copyfile(source, folder / "resources" / name)
-        copied[source] = f"resources/{quote(name)}"
+        copied[source] = f"resources/{name}"
     return copied
 
 

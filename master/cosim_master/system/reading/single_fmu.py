@@ -6,16 +6,17 @@ parameters and inputs can be set. Start and stop time are those of the FMU's Def
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from cosim_master.diagnostics.errors import Where
+from cosim_master.diagnostics.names import matching
 from cosim_master.fmi.description.read import describe
 from cosim_master.system.reading.overrides import SETTINGS
 from cosim_master.system.structure import Component, System, SystemStructure
 
-__all__ = ["as_model_exchange", "full_names", "output_interval", "read_fmu"]
+__all__ = ["as_model_exchange", "full_names", "full_patterns", "output_interval", "read_fmu"]
 
 _FMU_TYPE = "application/x-fmu-sharedlibrary"
 
@@ -101,3 +102,14 @@ def full_names(structure: SystemStructure, values: Mapping[str, str]) -> dict[st
     head = f"{structure.name}."
     kept = (head, *(f"{tag}." for tag in SETTINGS))
     return {name if name.startswith(kept) else head + name: value for name, value in values.items()}
+
+
+def full_patterns(structure: SystemStructure, patterns: Sequence[str], names: Collection[str]) -> list[str]:
+    """Returns patterns of hierarchical names; for a system of one FMU, they may be those of its variables.
+
+    Args:
+        names: hierarchical names; a pattern that matches one of them is kept.
+    """
+    if structure.path.suffix.lower() != ".fmu":
+        return list(patterns)
+    return [one if matching(one, names) else f"{structure.name}.{one}" for one in patterns]

@@ -87,6 +87,25 @@ def nested(stricts: Any) -> Path:
     return made
 
 
+def test_sources_are_paths_without_escapes(stricts: Any, tmp_path: Path) -> None:
+    """Other engines take them as they are; two files whose names would become equal stay two."""
+    work = stricts.workshop
+    for name in ("my fmu.fmu", "my#fmu.fmu", "plain.fmu"):
+        stricts.fmu(complete=True)
+        (work.root / "strict.fmu").rename(work.root / name)
+    parts = "".join(
+        work.component(name, source)
+        for name, source in (("a", "my%20fmu.fmu"), ("b", "my%23fmu.fmu"), ("c", "plain.fmu"))
+    )
+    system = work.ssd("s.ssd", work.system(parts), '<ssd:DefaultExperiment startTime="0" stopTime="1"/>')
+    for engine in ("fmpy", "omsimulator"):
+        made = convert(system, tmp_path / engine, engine)
+        root = etree.parse(tmp_path / engine / "SystemStructure.ssd").getroot()
+        sources = [one.get("source") for one in root.iter(f"{SSD}Component")]
+        assert sources == ["resources/my_fmu.fmu", "resources/my_fmu_2.fmu", "resources/plain.fmu"], made
+        assert all((tmp_path / engine / str(source)).is_file() for source in sources)
+
+
 def test_connectors_and_values_have_the_types_of_the_fmu(stricts: Any, tmp_path: Path) -> None:
     """A multi-model's 2 for a Real is written as a Real; every connector has a type."""
     stricts.fmu(complete=True)
