@@ -23,7 +23,7 @@ from cosim_master.diagnostics.errors import (
 )
 from cosim_master.execution.execution import Execution
 from cosim_master.execution.options import Listener, Reporting, RunOptions, going_on
-from cosim_master.execution.outcome.manifest import as_changes, manifest
+from cosim_master.execution.outcome.manifest import as_changes, manifest, settings_before
 from cosim_master.execution.outcome.result import Outcome, RunResult, failing, unrecorded
 from cosim_master.execution.pacing import interrupts, run
 from cosim_master.execution.partitions.cut import Cut, cut, read_assignment
@@ -310,6 +310,8 @@ class _Run:
         found |= {name: text for name, text in given.items() if text is not None}
         if self.plan.checkpoint is not None:
             found["checkpoint_time"] = self.plan.checkpoint.time
+            if before := settings_before(ready, self.plan.checkpoint):
+                found["settings_before"] = before
             found["changes"] = [*as_changes(ready, self.plan.checkpoint.changes), *found["changes"]]
         return {**found, "parts": [dict(one) for one in self.parts]} if self.parts else found
 

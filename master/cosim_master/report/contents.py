@@ -157,11 +157,14 @@ def parameters(run: Run) -> Table:
         for variable, made in (one.get("assigned") or {}).items():
             used = (one.get("parameters") or {}).get(variable)
             rows.append((f"{instance}.{variable}", made["text"] if used is None else _number(used), _origin(made)))
-    settings = [
-        (f"{tag}.{name}", str(value), "--set")
-        for tag, given in (run.manifest.get("settings") or {}).items()
-        for name, value in given.items()
+    before = [
+        (name, value, f"--set until {_number(one['until'])} s")
+        for one in run.manifest.get("settings_before") or ()
+        for name, value in _settings(one["settings"]).items()
     ]
+    since = f" from {_number(run.manifest.get('checkpoint_time', 0.0))} s on" if before else ""
+    now = _settings(run.manifest.get("settings") or {})
+    settings = [*before, *((name, value, f"--set{since}") for name, value in now.items())]
     changes = [
         (str(one["variable"]), _number(one["value"]), f"--at {_number(one['time'])} s")
         for one in run.manifest.get("changes", ())
@@ -249,18 +252,18 @@ def origins(run: Run) -> Table:
 
 
 def repetition(run: Run) -> str:
-    """Returns the command that repeats a run, for a shell."""
+    """Returns the command that repeats a run, for a shell; several, each in a line, if settings changed during it."""
     manifest = run.manifest
-    words = ["uav-cosim", "run", str((manifest.get("system") or {}).get("path", run.name))]
+    system = ["uav-cosim", "run", str((manifest.get("system") or {}).get("path", run.name))]
+    words: list[str] = []
     given: dict[str, str] = {}
     for one in manifest.get("instances", {}).values():
         for made in (one.get("assigned") or {}).values():
             if made["where"] == "--set":
                 given[made["name"]] = made["text"]
-    for tag, settings in (manifest.get("settings") or {}).items():
-        given |= {f"{tag}.{name}": str(value) for name, value in settings.items()}
-    for name, value in given.items():
-        words += ["--set", f"{name}={value}"]
+    before = manifest.get("settings_before") or []
+    changed = [_settings(one["settings"]) for one in before]
+    now = _settings(manifest.get("settings") or {})
     if manifest.get("posted"):  # packets of a person or a program; the values set are repeated with them
         words += ["--replay", str(run.folder)]
     else:
@@ -278,9 +281,25 @@ def repetition(run: Run) -> str:
     for name in ("variant", "solver"):
         if text := manifest.get(name):
             words += [f"--{name}", str(text)]
-    begin = manifest.get("checkpoint_time") or manifest.get("start_time") or 0.0
-    end = begin + (manifest.get("simulated_s") or 0.0)
-    return shlex.join([*words, "--seed", str(manifest.get("seed", 1)), "--until", f"{end:.12g}"])
+    start = manifest.get("start_time") or 0.0
+    end = (manifest.get("checkpoint_time") or start) + (manifest.get("simulated_s") or 0.0)
+    words += ["--seed", str(manifest.get("seed", 1)), "--until", f"{end:.12g}"]
+    commands: list[str] = []
+    origin: list[str] = []
+    for n, one in enumerate(before, start=1):
+        folder, until = f"{run.folder.name}-until-{n}", one["until"]
+        kept = ["--checkpoint-every", f"{until - start:.12g}", "-o", folder]
+        commands.append(shlex.join([*system, *origin, *_set(given | changed[n - 1]), *words, *kept]))
+        given, origin = {}, ["--from", f"{folder}@{until:.12g}"]
+    return "\n".join([*commands, shlex.join([*system, *origin, *_set(given | now), *words])])
+
+
+def _settings(tags: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    return {f"{tag}.{name}": str(value) for tag, given in tags.items() for name, value in given.items()}
+
+
+def _set(values: Mapping[str, str]) -> list[str]:
+    return [word for name, value in values.items() for word in ("--set", f"{name}={value}")]
 
 
 def programs(run: Run) -> list[str]:

@@ -6,6 +6,8 @@ import json
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +21,18 @@ from lxml import html as lxml_html
 from cosim_master.diagnostics.errors import CosimError, SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
+from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.report import markup
-from cosim_master.report.contents import Table, differences, programs, read_run, repetition
+from cosim_master.report.contents import Table, differences, parameters, programs, read_run, repetition
 from cosim_master.report.page import write_report
 from cosim_master.report.structure import draw_structure, groups
+from cosim_master.results.reading.comparison import compare
 from cosim_master.results.storage.run_folder import is_figure
 from tests.master.results.test_figures import consensus_run
 from tests.master.view.recordings import EVIL, evil_run
+from tests.scenarios.flights import SYSTEMS
+
+COMMAND = "from cosim_master.cli import main; main()"
 
 
 @pytest.fixture(scope="module")
@@ -139,6 +146,52 @@ def test_the_command_repeats_a_run_from_a_checkpoint(fmus: Path, tmp_path: Path)
     went_on = simulate("line5", RunOptions(out=tmp_path / "run", origin=f"{tmp_path / 'begun'}@0.3"))
     assert went_on.simulated_s == pytest.approx(0.2)
     assert repetition(read_run(tmp_path / "run")).endswith(" --seed 1 --until 0.5")
+
+
+def test_the_commands_repeat_a_run_whose_radio_has_changed(fmus: Path, tmp_path: Path) -> None:
+    """Twice: at the checkpoint of a run, and at one of its branch, whose runs are gone."""
+    system = str(SYSTEMS / "line5-points")
+    common: dict[str, Any] = {"until": 3.0, "checkpoint_every": 1.0, "isolation": Isolation("none")}
+    simulate(system, RunOptions(out=tmp_path / "a", overrides={"network.jitter": "0.01"}, **common))
+    simulate(
+        system,
+        RunOptions(out=tmp_path / "b", origin=f"{tmp_path / 'a'}@1", overrides={"network.loss": "0.5"}, **common),
+    )
+    simulate(
+        system,
+        RunOptions(out=tmp_path / "c", origin=f"{tmp_path / 'b'}@2", overrides={"network.loss": "0.9"}, **common),
+    )
+    shutil.rmtree(tmp_path / "a")
+    shutil.rmtree(tmp_path / "b")
+    run = read_run(tmp_path / "c")
+    found = repetition(run).splitlines()
+    assert [re.findall(r"--(?:set|from|checkpoint-every) \S+", one) for one in found] == [
+        ["--set network.jitter=0.01", "--checkpoint-every 1"],
+        ["--from c-until-1@1", "--set network.jitter=0.01", "--set network.loss=0.5", "--checkpoint-every 2"],
+        ["--from c-until-2@2", "--set network.jitter=0.01", "--set network.loss=0.9"],
+    ]
+    assert [row for row in parameters(run).rows if row[0].startswith("network")] == [
+        ("network.jitter", "0.01", "--set until 1 s"),
+        ("network.jitter", "0.01", "--set until 2 s"),
+        ("network.loss", "0.5", "--set until 2 s"),
+        ("network.jitter", "0.01", "--set from 2 s on"),
+        ("network.loss", "0.9", "--set from 2 s on"),
+    ]
+    again = tmp_path / "again"
+    again.mkdir()
+    for one in found:
+        words = shlex.split(one)[1:]
+        words += [] if "-o" in words else ["-o", "repeated"]
+        done = subprocess.run([sys.executable, "-c", COMMAND, *words], cwd=again, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    assert compare(tmp_path / "c", again / "repeated").equal
+    assert compare(tmp_path / "c", again / "repeated").causes == {}
+    plain = simulate(
+        system,
+        RunOptions(out=tmp_path / "plain", overrides={"network.loss": "0.9", "network.jitter": "0.01"}, until=3.0),
+    )
+    assert plain.packets != json.loads((tmp_path / "c" / "manifest.json").read_text())["packets"]
+    assert "settings_before" in " ".join(compare(tmp_path / "c", tmp_path / "plain").causes)
 
 
 def test_the_command_repeats_what_a_person_did(run: Path, tmp_path: Path) -> None:

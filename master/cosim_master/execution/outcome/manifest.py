@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import platform
 from collections import ChainMap
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, fields
 from functools import cache
 from importlib.metadata import version
@@ -17,7 +19,9 @@ from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.fmi.description.declarations import verdicts_as_json
 from cosim_master.fmi.description.read import Start
+from cosim_master.results.storage.checkpoint_folder import Checkpoint
 from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.reading.overrides import apart
 from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Channel, Network
 from cosim_master.system.structure import Component, System
@@ -101,6 +105,23 @@ def _changes(ready: Prepared) -> list[dict[str, Any]]:
         }
         for change in ready.changes
     ]
+
+
+def settings_before(ready: Prepared, checkpoint: Checkpoint) -> list[dict[str, Any]]:
+    """Returns the settings of radio, recording and master before the present ones, in the form of the manifest.
+
+    Each has the time until which they held, s. The list is empty if they are the present ones.
+    """
+    structure = ready.checked.structure
+    found: list[dict[str, Any]] = []
+    with suppress(OSError, ValueError, AttributeError, TypeError, KeyError):  # the folder may be gone, or damaged
+        told = json.loads((checkpoint.run / "manifest.json").read_text(encoding="utf-8"))
+        found = [one for one in told.get("settings_before", ()) if one["until"] < checkpoint.time]
+    last = {tag: dict(given) for tag, given in apart(checkpoint.overrides, structure)[1].items()}
+    found.append({"until": checkpoint.time, "settings": last})
+    now = {tag: dict(given) for tag, given in ready.checked.settings.items()}
+    following = [*(one["settings"] for one in found[1:]), now]
+    return [one for one, then in zip(found, following, strict=True) if one["settings"] != then]
 
 
 def as_changes(ready: Prepared, made: Sequence[tuple[int, str, str]]) -> list[dict[str, Any]]:

@@ -38,6 +38,7 @@ _CAUSES = (
     "master",
     "seed",
     "settings",
+    "settings_before",
     "network",
     "recording",
     "versions",
