@@ -266,6 +266,9 @@ def _place(checked: CheckedSystem, record: Sequence[str]) -> Where:
 
 def _instead(checked: CheckedSystem, pattern: str, candidates: Collection[str]) -> str:
     """Returns what a user may have meant by a pattern that matches nothing."""
+    for one in checked.aliases:
+        if one.name == pattern:
+            return f": it is a connector of a system, whose value is that of {'.'.join(one.source)}; record this"
     if not candidates:
         return ": the system has none"
     for instance in checked.instances:

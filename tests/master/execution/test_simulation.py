@@ -594,6 +594,20 @@ def test_options_that_do_not_fit(probes: Any, options: dict[str, Any], message: 
     assert probes.calls == []
 
 
+def test_connectors_of_systems_are_told_from_signals(probes: Any) -> None:
+    probes.fmu()
+    work = probes.workshop
+    inner = work.system(probes.component("a"), work.connection("a/y", "out"), name="box", connectors="out:output:Real")
+    root = work.system(inner, work.connection("box/out", "told"), connectors="told:output:Real")
+    system = work.ssd("nested.ssd", root, '<ssd:DefaultExperiment startTime="0" stopTime="1"/>')
+    for name in ("told", "box.out"):
+        (found,) = problems(lambda name=name: simulate(system, RunOptions(record=[name])))  # type: ignore[misc]
+        assert found == (
+            f'"{name}" matches no output or local variable: it is a connector of a system, whose value is that of '
+            "box.a.y; record this"
+        )
+
+
 @pytest.mark.parametrize("step", [float("nan"), -0.5])
 def test_a_step_that_is_none(probes: Any, step: float) -> None:
     probes.fmu(step=None)
