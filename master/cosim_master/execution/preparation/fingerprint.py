@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
+from functools import cache
 from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
@@ -55,7 +56,7 @@ def fingerprint_of(
         for node in network.nodes
     )
     return {
-        "version": _digest([version("uav-cosim")]),
+        "version": _digest([_version()]),
         "system": _digest(chain([system], links)),
         "FMUs": _digest((instance.name, instance.fmu.digest) for instance in checked.instances),
         "start values": _digest_of_texts(chain(_effective_values(checked), map(repr, structural))),
@@ -114,6 +115,12 @@ def _effective_values(checked: CheckedSystem) -> Iterator[str]:
         if len(texts) > len(defaults):  # some have no default: they come after all others
             texts = dict(sorted(texts.items()))
         yield f"({instance.name!r}, [{', '.join(texts.values())}])"
+
+
+@cache
+def _version() -> str:
+    """Returns the version of this project, which is read from a file."""
+    return version("uav-cosim")
 
 
 def _digest(parts: Iterable[object]) -> str:
