@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import index
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.results.storage.checkpoint_folder import Checkpoint
@@ -19,7 +21,10 @@ from cosim_master.system.settings.changes import FromSet
 from cosim_master.system.structure import SystemStructure
 from cosim_master.verdict.findings import Judgement
 
-__all__ = ["Listener", "Reporting", "RunOptions", "going_on"]
+__all__ = ["Listener", "Reporting", "RunOptions", "going_on", "number", "seed_number", "text_of", "whole"]
+
+_GREATEST_SEED = 2**53
+"""The greatest seed that a system and `--seed` may give."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,10 +90,11 @@ class RunOptions:
     helics_subscribe: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        """Takes paths as text and values as numbers, too.
+        """Takes paths as text, values as numbers, and numbers and arrays of numpy, too.
 
         Raises:
             TypeError: one text is given instead of a sequence of texts, or a change is not (time, name, value).
+            SystemDescriptionError: a number is of another kind, or `overrides` are no mapping.
         """
         for name in ("out", "inputs", "replay", "assignment"):
             if isinstance(path := getattr(self, name), str):
@@ -96,13 +102,59 @@ class RunOptions:
         for name in ("record", "gcs", "helics_publish", "helics_subscribe"):
             if isinstance(text := getattr(self, name), str):
                 raise TypeError(f"{name} is one text; give a sequence of texts: {name}=({text!r},)")
-        object.__setattr__(self, "overrides", {name: _text(value) for name, value in self.overrides.items()})
+            if isinstance(text, np.ndarray):
+                object.__setattr__(self, name, tuple(map(str, text)))
+        for name in ("until", "step", "checkpoint_every", "pace"):
+            object.__setattr__(self, name, number(name, getattr(self, name)))
+        object.__setattr__(self, "seed", seed_number("seed", self.seed))
+        object.__setattr__(self, "threads", whole("threads", self.threads))
+        if not isinstance(self.overrides, Mapping):
+            text = f'is {self.overrides!r}, not a mapping; give values by name: {{"network.loss": 0.1}}'
+            raise SystemDescriptionError([Problem(Where("overrides"), text)])
+        object.__setattr__(self, "overrides", {name: text_of(value) for name, value in self.overrides.items()})
         object.__setattr__(self, "at", tuple(map(_change, self.at)))
 
 
-def _text(value: Any) -> str:
+def text_of(value: Any) -> str:
     """Returns the text of a value."""
     return str(value).lower() if isinstance(value, bool | np.bool_) else str(value)
+
+
+def number(name: str, value: Any) -> float | None:
+    """Returns the number that an argument of this name gives, in a type of Python; None stays None.
+
+    Raises:
+        SystemDescriptionError: it is no number.
+    """
+    found = value.item() if isinstance(value, np.generic | np.ndarray) and value.ndim == 0 else value
+    if found is None or (isinstance(found, int | float) and not isinstance(found, bool)):
+        return found
+    raise SystemDescriptionError([Problem(Where(name), f"is {value!r}; give a number")])
+
+
+def whole(name: str, value: Any, least: int = 0, greatest: float = np.inf) -> int | None:
+    """Returns the integer that an argument of this name gives; None stays None.
+
+    Raises:
+        SystemDescriptionError: it is no integer from `least` to `greatest`.
+    """
+    try:
+        found = None if value is None or isinstance(value, bool | np.bool_) else index(value)
+    except TypeError:
+        found = None
+    if value is None or (found is not None and least <= found <= greatest):
+        return found
+    valid = f"of {least} or more" if greatest == np.inf else f"from {least} to {greatest:.0f}"
+    raise SystemDescriptionError([Problem(Where(name), f"is {value!r}; give a whole number {valid}")])
+
+
+def seed_number(name: str, value: Any) -> int | None:
+    """Returns the seed of the radio that an argument of this name gives; None stays None.
+
+    Raises:
+        SystemDescriptionError: it is none.
+    """
+    return whole(name, value, 0, _GREATEST_SEED)
 
 
 def _change(given: Any) -> tuple[float, str, str]:
@@ -110,7 +162,7 @@ def _change(given: Any) -> tuple[float, str, str]:
     if isinstance(given, str) or not isinstance(given, Sequence) or len(given) != 3:
         raise TypeError(f"at contains {given!r}; give a sequence of (time in s, name, value)")
     time, name, value = given
-    return float(time), name, value if isinstance(value, FromSet) else _text(value)
+    return float(time), name, value if isinstance(value, FromSet) else text_of(value)
 
 
 def _ignore(_: Any) -> None:

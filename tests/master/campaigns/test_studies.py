@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -177,3 +179,70 @@ def test_a_command_repeats_a_run() -> None:
         "uav-cosim run line5 --until 60 --checkpoint-every 30 -o run-0-begin",
         "uav-cosim run line5 --from run-0-begin@30 --set network.loss=0.5 -o run-0",
     ]
+
+
+def test_what_python_has_at_hand_is_taken_for_a_study() -> None:
+    given: dict[str, Any] = {
+        "system": Path("line5"),
+        "factors": [
+            Factor("a.b", values=(0.0, 0.1)),  # type: ignore[arg-type]
+            Factor("c.d", values=np.linspace(0.0, 0.1, 2)),  # type: ignore[arg-type]
+            Factor("e.f", values=[1, True, "x"]),  # type: ignore[arg-type]
+            "g.h=1,2",
+        ],
+        "seeds": np.arange(2),
+        "metrics": ("error_to_law", Metric.parsed("packets_lost")),
+        "keep": ["a.*"],
+        "overrides": {"network.loss": np.float64(0.1)},
+        "at": [(np.int64(1), "a.x", np.float32(0.5))],
+        "until": np.float32(30.0),
+    }
+    study = Study(**given)
+    assert [one.values for one in study.factors] == [("0.0", "0.1"), ("0.0", "0.1"), ("1", "true", "x"), ("1", "2")]
+    wanted = Study(
+        system="line5",
+        factors=study.factors,
+        seeds=(0, 1),
+        metrics=(Metric.parsed("error_to_law"), Metric.parsed("packets_lost")),
+        keep=("a.*",),
+        overrides={"network.loss": "0.1"},
+        at=((1.0, "a.x", "0.5"),),
+        until=30.0,
+    )
+    assert study == wanted
+    assert json.loads(json.dumps(study.as_json())) == wanted.as_json()
+    assert Factor("a.b", low=np.float32(0.5), high=np.int64(2)) == Factor("a.b", low=0.5, high=2)  # type: ignore[arg-type]
+    assert json.dumps(Study(system="line5", design=Design("lhs", np.int64(4)), factors=factors("a.b=0:1")).as_json())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"system": 5}, "system: is 5, not a path; try system='line5'"),
+        ({"seeds": 2}, "seeds: is 2, not a sequence; try seeds=range(1, 11)"),
+        ({"seeds": (1.5,)}, "seeds: is 1.5; give a whole number from 0 to 9007199254740992"),
+        ({"metrics": "error_to_law"}, "metrics: is 'error_to_law', not a sequence; try metrics=('error_to_law',)"),
+        (
+            {"metrics": (3,)},
+            "metrics: contains 3, not a Metric; try Metric.parsed('error_to_law'), or this text itself",
+        ),
+        ({"keep": "a.*"}, "keep: is 'a.*', not a sequence; try keep=(\"*.vehicle.position*\",)"),
+        ({"until": "30"}, "until: is '30'; give a number"),
+    ],
+)
+def test_wrong_kinds_are_refused_by_name(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(SystemDescriptionError) as caught:
+        Study(**{"system": "line5", **wrong})
+    assert str(caught.value) == message
+
+
+def test_wrong_kinds_in_factors_and_designs_are_refused() -> None:
+    given: dict[str, Any] = {"values": 0.1}
+    with pytest.raises(SystemDescriptionError, match=r"factor a.b: values: is 0.1, not a sequence; try values="):
+        Factor("a.b", **given)
+    given = {"low": "0.1", "high": 1.0}
+    with pytest.raises(SystemDescriptionError, match=r"factor a.b: low: is '0.1'; give a number"):
+        Factor("a.b", **given)
+    given = {"size": 2.0}
+    with pytest.raises(SystemDescriptionError, match=r"size: is 2.0; give a whole number of 0 or more"):
+        Design("lhs", **given)

@@ -21,6 +21,7 @@ import numpy as np
 
 from cosim_master.campaigns.refusal import refusal
 from cosim_master.campaigns.study.factors import Factor
+from cosim_master.execution.options import whole
 
 __all__ = ["KINDS", "Array", "Design", "Point", "points", "problem", "shares"]
 
@@ -50,6 +51,8 @@ class Design:
     seed: int = 1
 
     def __post_init__(self) -> None:
+        for name in ("size", "seed"):
+            object.__setattr__(self, name, whole(name, getattr(self, name)))
         where = f"--sample {self.kind}" + (f":{self.size}" if self.size else "")
         if self.kind not in KINDS:
             raise refusal(where, f"there is no such design; valid: grid, {', '.join(f'{k}:N' for k in KINDS[1:])}")

@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim_master.campaigns.refusal import refusal
+from cosim_master.campaigns.refusal import refusal, several
+from cosim_master.execution.options import number, text_of
 
 __all__ = ["Factor"]
 
@@ -32,7 +33,7 @@ class Factor:
 
     Attributes:
         name: hierarchical name, pattern or setting, as of `--set`.
-        values: its values, as texts; empty if it varies continuously.
+        values: its values, as texts; empty if it varies continuously. Numbers, and an array of them, are taken, too.
         low, high: the least and the greatest value of a factor that varies continuously.
         time: simulated time at which it is set, s; None: it holds from the start.
     """
@@ -44,6 +45,11 @@ class Factor:
     time: float | None = None
 
     def __post_init__(self) -> None:
+        about = f"factor {self.name}"
+        for name in ("low", "high", "time"):
+            object.__setattr__(self, name, number(f"{about}: {name}", getattr(self, name)))
+        values = several(f"{about}: values", self.values, "values=(0.0, 0.1)")
+        object.__setattr__(self, "values", tuple(map(text_of, values)))
         where = f"factor {self.label}"
         if not self.name:
             raise refusal(where, "has no name; write NAME=VALUES")

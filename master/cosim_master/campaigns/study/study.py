@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from cosim_master.campaigns.metrics.metric import Metric
-from cosim_master.campaigns.refusal import refusal
+from cosim_master.campaigns.refusal import refusal, several
 from cosim_master.campaigns.study.designs import Design, Point, points
 from cosim_master.campaigns.study.factors import Factor
 from cosim_master.diagnostics.names import matching
+from cosim_master.execution.options import RunOptions, seed_number
 
 __all__ = ["FIXED", "Planned", "Search", "Study"]
 
@@ -60,9 +62,25 @@ class Search:
         return cls(metric.strip(), way == "min", trials)
 
 
+def _parts(name: str, given: Any, kind: type[Factor] | type[Metric], example: str) -> tuple[Any, ...]:
+    """Returns the factors or metrics of a study, some of which are given as text.
+
+    Raises:
+        SystemDescriptionError: one of them is neither.
+    """
+    items = several(name, given, f"{name}=({example!r},)")
+    if wrong := [one for one in items if not isinstance(one, str | kind)]:
+        what = kind.__name__
+        raise refusal(name, f"contains {wrong[0]!r}, not a {what}; try {what}.parsed({example!r}), or this text itself")
+    return tuple(kind.parsed(str(one)) if isinstance(one, str) else one for one in items)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
     """A study. Everything that it consists of is plain data: `as_json` writes it, `of_json` reads it.
+
+    Paths may be given instead of text, texts as in `parsed` instead of factors and metrics, numbers instead of values,
+    and numbers and arrays of numpy.
 
     Attributes:
         system: an .ssd, .ssp, .fmu or folder, or the name of a shipped system, as of `simulate`.
@@ -90,6 +108,7 @@ class Study:
     solver: str | None = None
 
     def __post_init__(self) -> None:
+        self._take()
         varied = [one.label for one in self.factors]
         if twice := [name for n, name in enumerate(varied) if name in varied[:n]]:
             raise refusal(f'--vary "{twice[0]}"', "it is varied twice; give all its values in one --vary")
@@ -118,6 +137,29 @@ class Study:
             raise refusal("--optimise", "it needs factors (--vary), and chooses the points itself; leave out --sample")
         if both := [one.name for one in self.factors if one.name == "network.seed"]:
             raise refusal(f"factor {both[0]}", "seeds are varied by --seeds; leave out the factor")
+
+    def _take(self) -> None:
+        """Turns what is given in another type into the types of the attributes.
+
+        Raises:
+            SystemDescriptionError: it is of a kind that cannot be meant.
+        """
+        if not isinstance(self.system, str | os.PathLike):
+            raise refusal("system", f"is {self.system!r}, not a path; try system='line5'")
+        seeds = several("seeds", self.seeds, "seeds=range(1, 11)")
+        run = RunOptions(overrides=self.overrides, at=self.at, until=self.until, step=self.step)
+        for name, taken in {
+            "system": os.fspath(self.system),
+            "factors": _parts("factors", self.factors, Factor, "network.loss=0,0.1"),
+            "seeds": tuple(seed_number("seeds", seed) for seed in seeds),
+            "metrics": _parts("metrics", self.metrics, Metric, "error_to_law"),
+            "keep": tuple(map(str, several("keep", self.keep, 'keep=("*.vehicle.position*",)'))),
+            "overrides": run.overrides,
+            "at": run.at,
+            "until": run.until,
+            "step": run.step,
+        }.items():
+            object.__setattr__(self, name, taken)
 
     def runs(self) -> list[Planned]:
         """Returns all runs: point by point, and seed by seed within a point; none of a search, which chooses them.

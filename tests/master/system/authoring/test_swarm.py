@@ -6,6 +6,7 @@ import itertools
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -368,3 +369,78 @@ def test_a_ring_of_any_size_meets(tmp_path: Path) -> None:
     assert [starts[f"drone{n}.agent"]["altitude"] for n in range(1, 8)] == [10.0 + 2.0 * n for n in range(7)]
     ring = {(f"drone{n}", f"drone{n % 7 + 1}") for n in range(1, 8)}
     assert network.links == ring | {(b, a) for a, b in ring}
+
+
+def test_numbers_and_arrays_of_numpy_are_taken(tmp_path: Path) -> None:
+    true: Any = np.True_
+    swarm = Swarm(
+        "numbers",
+        stop_time=np.float32(4.0),  # type: ignore[arg-type]
+        network={"seed": np.int64(3), "relays": ["drone1", "drone2"], "hops": 4, "topology": "broadcast"},
+    )
+    values = {"agent.altitude": np.float64(12.0), "vehicle.wind": np.array([1.0, 2.0, 3.0])}
+    swarm.add(position=np.array([0.0, 5.0]), stays=true, values=values)
+    swarm.add(position=(0, 20), system_id=np.int64(9), values={"agent.altitude": np.array(7.5)})  # type: ignore[arg-type]
+    swarm.environment("Airspace", values={"mean_wind": np.array((4.0, 0, 0)), "downwash": true})
+    square = np.array([(-9, -9), (-9, 50), (9, 50), (9, -9)])
+    swarm.monitor("fence", polygon=square, ceiling=np.float64(15.0), end=true, vehicles=["drone1", "drone2"])
+    with read_system(swarm.save(tmp_path / "numbers")) as structure:
+        checked = check(structure)
+        prepared = prepare(checked)
+    starts = {one.name: one.start_values for one in checked.instances}
+    assert starts["drone1.agent"]["altitude"] == 12.0
+    assert [starts["drone1.vehicle"][f"wind[{n}]"] for n in (1, 2, 3)] == [1.0, 2.0, 3.0]
+    assert starts["drone1.vehicle"]["position_start[2]"] == 5.0
+    assert swarm._members["drone1"].stays is True
+    assert starts["drone2.agent"]["sysid"] == 9
+    assert starts["drone2.agent"]["altitude"] == 7.5
+    assert [starts["environment"][f"mean_wind[{n}]"] for n in (1, 2, 3)] == [4.0, 0.0, 0.0]
+    assert starts["environment"]["downwash"] is True
+    assert prepared.network.seed == 3
+    text = (tmp_path / "numbers" / "SystemStructure.ssd").read_text(encoding="utf-8")
+    assert 'relays="drone1 drone2"' in text and 'end="true"' in text
+    assert 'polygon="-9 -9 -9 50 9 50 9 -9"' in text
+
+
+def test_sequences_are_attributes_of_the_network(tmp_path: Path) -> None:
+    swarm = Swarm("axis", network={"topology": "nearest", "axis": (0, 1.5, 0), "seed": 2})
+    swarm.add(position=(0.0, 0.0), stays=True)
+    swarm.save(tmp_path / "axis")
+    assert 'axis="0 1.5 0"' in (tmp_path / "axis" / "SystemStructure.ssd").read_text(encoding="utf-8")
+    assert Swarm("flag", network={"rayleigh": True})._network["rayleigh"] == "true"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"position": 30.0}, "drone1: is placed at 30.0: give (north, east) or (north, east, down) in m"),
+        ({"position": "30"}, "drone1: is placed at '30': give (north, east) or (north, east, down) in m"),
+        (
+            {"position": (0.0, float("nan"))},
+            "drone1: is placed at (0.0, nan): give (north, east) or (north, east, down) in m",
+        ),
+        ({"system_id": "7"}, "drone1: has the system id '7': give a whole number from 1 to 255"),
+        ({"system_id": 1.5}, "drone1: has the system id 1.5: give a whole number from 1 to 255"),
+        ({"vehicle": 5}, "5: is neither a file nor the name of a model, but int; give one of these"),
+        (
+            {"values": {"vehicle.wind": np.array([1.0, 2.0])}},
+            "vehicle.wind: has 3 elements: give as many values, not array([1., 2.])",
+        ),
+        ({"values": {"agent.altitude": np.True_}}, "agent.altitude: valid: a number"),
+        ({"values": {"agent.altitude": None}}, "agent.altitude: valid: a number"),
+    ],
+)
+def test_wrong_kinds_are_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(SystemDescriptionError) as caught:
+        Swarm("wrong").add(**wrong)
+    assert str(caught.value) == message
+
+
+def test_wrong_kinds_of_attributes_are_refused() -> None:
+    with pytest.raises(SystemDescriptionError, match=r"loss: is None; give a number, a text, or a sequence of these"):
+        Swarm("wrong", network={"loss": None})
+    with pytest.raises(SystemDescriptionError, match=r"separation: least: is \{\}; give a number"):
+        Swarm("wrong").monitor("separation", least={})
+    stop_time: Any = []
+    with pytest.raises(SystemDescriptionError, match=r"stop_time: is \[\]; give a number in s"):
+        Swarm("wrong", stop_time=stop_time)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
@@ -161,7 +162,7 @@ class SwarmDescription:
         for first, second in links if topology == "listed" else ():
             etree.SubElement(network.element[0], f"{{{NAMESPACE}}}link", between=f"{first} {second}")
         yield network
-        yield _annotation(RECORDING, "recording", {"interval": attribute(self.recorded_every)})
+        yield _annotation(RECORDING, "recording", {"interval": attribute("recorded_every", self.recorded_every)})
         yield from (one for one in self.annotations if one.type != MONITORS or not self.monitors)
         if self.monitors:
             given = [one.element[0] for one in self.annotations if one.type == MONITORS]
@@ -201,30 +202,39 @@ def _annotation(kind: str, tag: str, attributes: Mapping[str, str]) -> Annotatio
     return Annotation(kind, element, HERE)
 
 
-def attribute(value: float | str) -> str:
-    """Returns a number or a text in the form of an attribute."""
-    if isinstance(value, str):
-        return value
-    return str(value) if isinstance(value, int) else repr(float(value)).replace("inf", "INF")
+def attribute(name: str, value: Any) -> str:
+    """Returns a value of Python as the text of an attribute; the parts of a sequence are separated by spaces.
+
+    Args:
+        name: of the attribute, for errors.
+
+    Raises:
+        SystemDescriptionError: the value is no number, text or sequence of these.
+    """
+    if isinstance(value, str | os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, bool | np.bool_):
+        return str(value).lower()
+    if isinstance(value, int | np.integer):
+        return str(int(value))
+    if isinstance(value, float | np.floating):
+        return repr(float(value)).replace("inf", "INF")
+    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, bytes):
+        parts = np.atleast_1d(value) if isinstance(value, np.ndarray) else value
+        return " ".join(attribute(name, one) for one in parts)
+    raise wrong(name, f"is {value!r}; give a number, a text, or a sequence of these")
 
 
 def monitor_element(kind: str, signals: Any, attributes: Mapping[str, Any]) -> etree._Element:
     """Returns the element of a monitor; see `Swarm.monitor`."""
-    written = {name.rstrip("_"): _listed(value) for name, value in attributes.items()}
+    written = {name.rstrip("_"): attribute(f"{kind}: {name}", value) for name, value in attributes.items()}
     element = etree.Element(f"{{{NAMESPACE}}}{kind}", nsmap=_OURS)
     if isinstance(signals, Mapping):
         for name, of in signals.items():
             its = {"of": of} if isinstance(of, str) else dict(of)
             etree.SubElement(element, f"{{{NAMESPACE}}}signal", {"name": name, **its})
-    elif signals:
-        written["signals"] = _listed(signals)
+    elif text := attribute(f"{kind}: signals", signals):
+        written["signals"] = text
     for name, text in written.items():
         element.set(name, text)
     return element
-
-
-def _listed(value: Any) -> str:
-    """Returns a value of Python as the text of an attribute; the parts of a sequence are separated by spaces."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return attribute(value) if isinstance(value, (int, float, str)) else " ".join(map(_listed, value))

@@ -6,12 +6,15 @@ its system id and those of its neighbours, and for staying at its place.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import permutations
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from cosim.verdict import Formation, Role
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
@@ -96,6 +99,9 @@ def found_fmu(given: str | Path, folder: Path | None = None) -> Path:
     Raises:
         SystemDescriptionError: the file does not exist.
     """
+    if not isinstance(given, str | os.PathLike):
+        text = f"is neither a file nor the name of a model, but {type(given).__name__}; give one of these"
+        raise SystemDescriptionError([Problem(Where(repr(given)), text)])
     path = Path(given)
     if path.is_file():
         return path
@@ -272,8 +278,11 @@ def parameters_of(fmus: Mapping[str, FmuDescription], path: str, value: Any) -> 
     if not elements:
         known = dict.fromkeys(v.name.partition("[")[0] for v in variables.values() if v.settable)
         raise _wrong(path, f"{fmus[part].path.name} has no {name}; {near(name, known)}")
+    if isinstance(value, np.ndarray):
+        value = value.ravel() if value.ndim else value[()]
     single = elements == (name,)
-    values = [value] if single else list(value) if isinstance(value, Sequence) and not isinstance(value, str) else []
+    several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+    values = [value] if single else list(value) if several else []
     if len(values) != len(elements):
         raise _wrong(path, f"has {len(elements)} elements: give as many values, not {value!r}")
     made = []
@@ -297,9 +306,10 @@ def _typed(variable: Variable, value: Any) -> Value:
         ValueError: the value is not of the variable's type.
     """
     given = value.value if isinstance(value, Enum) else value
-    if variable.type == "Boolean" and not isinstance(given, bool):
+    is_bool = isinstance(given, bool | np.bool_)
+    if variable.type == "Boolean" and not is_bool:
         raise ValueError(f"is of type Boolean, {value!r} is not")
-    text = str(given).lower() if isinstance(given, bool) else repr(given) if isinstance(given, float) else str(given)
+    text = str(given).lower() if is_bool else repr(float(given)) if isinstance(given, float) else str(given)
     parsed = variable.parsed(text)
     if variable.type == "Enumeration":
         return next(item for item, number in (variable.items or {}).items() if number == int(parsed))

@@ -18,11 +18,13 @@ and its neighbours are set by the parameters that the FMUs declare for them.
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where, WriteFailed
@@ -73,7 +75,8 @@ class Swarm:
         name: name of the system.
         like: the system whose first drone is the pattern of all drones, and whose radio and environments they have: a
             file, a folder, or the name of a shipped one.
-        network: attributes of the annotation of the network that replace those of `like`, e.g. {"loss": 0.1}.
+        network: attributes of the annotation of the network that replace those of `like`, e.g. {"loss": 0.1}; sequences
+            for lists of numbers or names.
         stop_time: stop time of the DefaultExperiment, s; None: that of `like`.
         recorded_every: time between two rows of a recording, s.
         fmus: folder in which FMUs of models are searched before those of this project.
@@ -90,7 +93,7 @@ class Swarm:
         name: str = "swarm",
         *,
         like: str | Path | Scenario = _SCENARIO,
-        network: Mapping[str, float | str] | None = None,
+        network: Mapping[str, Any] | None = None,
         stop_time: float | None = None,
         recorded_every: float = _RECORDED_EVERY,
         fmus: Path = Path("fmus"),
@@ -99,13 +102,13 @@ class Swarm:
         self.name = name
         self.notes = scenario.notes
         self._drone = scenario.drone
-        self._network = {**scenario.network, **{key: attribute(value) for key, value in (network or {}).items()}}
+        self._network = {**scenario.network, **{key: attribute(key, value) for key, value in (network or {}).items()}}
         self._topology = None if network is None else network.get("topology")
         self._annotations = scenario.annotations
         self._numbered = scenario.numbered
         self._rising = scenario.rising
         self._ways = scenario.ways
-        self._stop_time = scenario.stop_time if stop_time is None else stop_time
+        self._stop_time = scenario.stop_time if stop_time is None else _seconds("stop_time", stop_time)
         self._recorded_every = recorded_every
         self._fmus = fmus
         self._members: dict[str, Member] = {}
@@ -131,7 +134,7 @@ class Swarm:
         self,
         name: str = "",
         *,
-        position: tuple[float, ...] = (),
+        position: Sequence[float] | np.ndarray[Any, Any] = (),
         system_id: int | None = None,
         stays: bool = False,
         values: Mapping[str, Any] | None = None,
@@ -169,9 +172,9 @@ class Swarm:
             parts=fmus,
             drone=drone,
             declared=declared(fmus),
-            place=tuple(float(one) for one in position),
-            id=self._next_id() if system_id is None else system_id,
-            stays=stays,
+            place=_place(given, position),
+            id=self._next_id() if system_id is None else _system_id(given, system_id),
+            stays=bool(stays),
             numbered={path: self._drones + 1 for path in self._numbered if drone is not None and _has(fmus, path)},
             values=tuple(
                 p
@@ -465,6 +468,32 @@ class Swarm:
             recorded_every=self._recorded_every,
             monitors=tuple(self._monitors),
         )
+
+
+def _seconds(name: str, given: Any) -> float:
+    """Returns a time that is given as a number."""
+    try:
+        return float(given)
+    except (TypeError, ValueError):
+        raise wrong(name, f"is {given!r}; give a number in s") from None
+
+
+def _place(name: str, position: Any) -> tuple[float, ...]:
+    """Returns a position that is given as a sequence of finite numbers."""
+    try:
+        place = (math.nan,) if isinstance(position, str) else tuple(float(one) for one in position)
+    except (TypeError, ValueError):
+        place = (math.nan,)
+    if not all(map(math.isfinite, place)):
+        raise wrong(name, f"is placed at {position!r}: give (north, east) or (north, east, down) in m")
+    return place
+
+
+def _system_id(name: str, given: Any) -> int:
+    """Returns a system id that is given as an integer."""
+    if isinstance(given, bool) or not isinstance(given, int | np.integer):
+        raise wrong(name, f"has the system id {given!r}: give a whole number from 1 to 255")
+    return int(given)
 
 
 def _has(fmus: Mapping[str, FmuDescription], path: str) -> bool:
