@@ -444,3 +444,20 @@ def test_wrong_kinds_of_attributes_are_refused() -> None:
     stop_time: Any = []
     with pytest.raises(SystemDescriptionError, match=r"stop_time: is \[\]; give a number in s"):
         Swarm("wrong", stop_time=stop_time)
+
+
+@pytest.mark.parametrize(("typo", "part"), [("agnt", "agent"), ("vehcle", "vehicle"), ("Vehicle", "vehicle")])
+def test_a_part_whose_name_is_close_to_that_of_another_is_a_slip(typo: str, part: str) -> None:
+    given: dict[str, Any] = {typo: "Hexarotor"}
+    text = f'drone1: has no part {typo}; did you mean "{part}"? If it is to be a new part, give it another name'
+    with pytest.raises(SystemDescriptionError) as caught:
+        Swarm("slip").add(position=(0.0, 0.0), **given)
+    assert str(caught.value) == text
+
+
+def test_a_new_part_has_any_other_name_or_a_number() -> None:
+    swarm = Swarm("parts")
+    swarm.add(follower="LineAgent")
+    swarm.add(agent2="LineAgent")
+    parts = [[*one.parts] for one in swarm._members.values()]
+    assert parts == [["agent", "autopilot", "vehicle", new] for new in ("follower", "agent2")]

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ import numpy as np
 from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where, WriteFailed
-from cosim_master.diagnostics.names import near
+from cosim_master.diagnostics.names import did_you_mean, near, similar
 from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.fmi.description.read import FmuDescription
 from cosim_master.system import shipped
@@ -153,7 +153,8 @@ class Swarm:
                 sequences.
             fmu: the single FMU.
             parts: FMUs that replace parts of the drone, or are added to it, `vehicle="Mine"`. An FMU is a file or
-                the name of a model that has been built.
+                the name of a model that has been built. The name of an added part must not be close to that of a part
+                that the drone has, `agnt`, unless it differs by a number, `agent2`.
 
         Returns:
             The name.
@@ -165,6 +166,7 @@ class Swarm:
         given = self._checked_name(name or f"drone{self._drones + 1}")
         if fmu is not None and parts:
             raise wrong(given, f"is one FMU: it has no parts ({', '.join(parts)})")
+        self._check_parts(given, parts)
         drone = self._kind(parts) if fmu is None else None
         fmus = self._described({"": fmu}) if drone is None and fmu is not None else self._kind(parts).fmus
         member = Member(
@@ -334,6 +336,14 @@ class Swarm:
         if "." in name:
             raise wrong(name, "is not a name of a component: names have no dots")
         return name
+
+    def _check_parts(self, name: str, parts: Iterable[str]) -> None:
+        """Refuses new parts whose names are those of parts of the drone except for a few letters."""
+        known = self._drone.fmus
+        for part in parts:
+            if part not in known and part.rstrip("0123456789_") not in known and (close := similar(part, known)):
+                text = f"has no part {part}; {did_you_mean(close)} If it is to be a new part, give it another name"
+                raise wrong(name, text)
 
     def _next_id(self) -> int:
         return self._systems % IDS + 1
