@@ -247,10 +247,24 @@ def _check_fit(structure: SystemStructure, chains: Sequence[Sequence[Element]], 
     heads = tuple(".".join(target) + "." for target in targets)
     lost = [item for item in checked.unmatched if item.name.startswith(heads)]
     if lost:
-        raise SystemDescriptionError(
-            Problem(item.where, f'{fmu.name} has no parameter for "{item.name}"; {item.hint}') for item in lost
-        )
+        problems = [Problem(item.where, f'{fmu.name} has no parameter for "{item.name}"; {item.hint}') for item in lost]
+        raise SystemDescriptionError([*problems, *_written_anew(structure, chains, fmu)])
     return [*_kept(checked, chains, fmu)]
+
+
+_OPTIONS = ("vehicle", "autopilot", "agent")
+"""The parts of drones that `new` has options for."""
+
+
+def _written_anew(structure: SystemStructure, chains: Sequence[Sequence[Element]], fmu: Path) -> Iterator[Problem]:
+    """Yields the remedy for values that an FMU in a part of drones lacks."""
+    names = {(len(chain), chain[-1].name) for chain in chains}
+    drones = sum(_inside(one) is not None for one in structure.system.elements)
+    for length, part in names:
+        if length == 2 and part in _OPTIONS and len(names) == 1:
+            command = f"uav-cosim new {structure.path} --drones {drones} --{part} {fmu} -o FOLDER"
+            text = f"take these values out of the system, or write a new one, which leaves them out: {command}"
+            yield Problem(Where(str(structure.path)), text)
 
 
 def _kept(checked: CheckedSystem, chains: Sequence[Sequence[Element]], fmu: Path) -> Iterator[str]:

@@ -22,6 +22,7 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.execution.preparation.prepare import prepare
 from cosim_master.execution.simulate import simulate
 from cosim_master.stepping.layout import make_layout
+from cosim_master.system.authoring.swap import swap
 from cosim_master.system.authoring.swarm.new import fleet_of, new_system, number_of_drones
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
@@ -381,3 +382,34 @@ def test_a_value_that_was_for_another_law_is_told(fmus: Path, tmp_path: Path) ->
     new_system("rendezvous", 5, tmp_path / "covers", fmus=fmus, fleet=fleet, note=notes.append)
     text = "agent.gain stays 0.1, as rendezvous has it; Coverage.fmu alone has 0.5"
     assert [one for one in notes if " stays " in one] == [text]
+
+
+def test_values_that_another_law_lacks_are_left_out_and_told(fmus: Path, tmp_path: Path) -> None:
+    """As an own law without the parameters of the scenario's: its system is without findings, and so is each kind."""
+    notes: list[str] = []
+    law = tmp_path / "Plain.fmu"
+    with zipfile.ZipFile(fmus / "Rendezvous.fmu") as old, zipfile.ZipFile(law, "w") as new:
+        for item in old.infolist():
+            data = old.read(item)
+            if item.filename == "modelDescription.xml":
+                data = data.replace(b'name="gain"', b'name="boldness"')
+            new.writestr(item, data)
+    fleet = {"agent": (str(law), "Rendezvous")}
+    folder = new_system("rendezvous", 4, tmp_path / "plain", fmus=fmus, fleet=fleet, note=notes.append)
+    text = "agent.gain of the template is left out: Plain.fmu has no such parameter"
+    assert [one for one in notes if "left out" in one] == [text]
+    with read_system(folder) as structure:
+        checked = check(structure)
+    assert not checked.unmatched
+    starts = {one.name: one.start_values for one in checked.instances}
+    assert ["gain" in starts[f"drone{n}.agent"] for n in (1, 2, 3, 4)] == [False, True, False, True]
+    assert starts["drone1.agent"].keys() == starts["drone2.agent"].keys() - {"gain"}
+    with pytest.raises(SystemDescriptionError) as caught:
+        swap("rendezvous", "drone*.agent", law, tmp_path / "swapped")
+    told = str(caught.value).splitlines()
+    assert 'Plain.fmu has no parameter for "drone1.agent.gain"' in told[0]
+    assert re.fullmatch(
+        r".*rendezvous: take these values out of the system, or write a new one, which leaves them out: "
+        rf"uav-cosim new \S*rendezvous --drones [0-9]+ --agent {re.escape(str(law))} -o FOLDER",
+        told[-1],
+    )

@@ -38,6 +38,7 @@ __all__ = [
     "found_fmu",
     "parameters_of",
     "wired_by_name",
+    "without",
 ]
 
 _HERE = Where("")
@@ -191,7 +192,8 @@ def exchanged(drone: Drone, parts: Mapping[str, FmuDescription]) -> Drone:
     """Returns the drone with other FMUs in some parts.
 
     Existing connections are kept, except those between two optional ports, one of which a new part lacks. Other ports
-    of a new part are connected by name. A part that the drone does not have yet is added.
+    of a new part are connected by name. A part that the drone does not have yet is added. Values of parameters that a
+    new part lacks are left out (`without`).
 
     Raises:
         SystemDescriptionError: several parts have an output for the same input.
@@ -213,9 +215,28 @@ def exchanged(drone: Drone, parts: Mapping[str, FmuDescription]) -> Drone:
         [wire for wire in _wires(fmus) if (wire[1], wire[2]) not in driven and (wire[0] in parts or wire[1] in parts)]
     )
     made = tuple(Connection(source, name, target, name, _HERE) for source, target, name in wires)
-    system = replace(drone.system, elements=tuple(elements), connections=(*kept, *made))
+    lacking = {path for path, _ in without(drone, parts)}
+    bindings = bound(
+        replace(p, name=path)
+        for one in drone.system.parameter_bindings
+        for p in one.parameters
+        if (path := one.prefix + p.name) not in lacking
+    )
+    system = replace(drone.system, elements=tuple(elements), connections=(*kept, *made), parameter_bindings=bindings)
     ends = [(end, name) for source, target, name in wires for end in (source, target)]
     return Drone(_with_connectors(system, fmus, ends), fmus)
+
+
+def without(drone: Drone, parts: Mapping[str, FmuDescription]) -> list[tuple[str, FmuDescription]]:
+    """Returns the values of a drone, by path, that other FMUs in some parts lack as a parameter or input, and these."""
+    found = []
+    for path in (one.prefix + p.name for one in drone.system.parameter_bindings for p in one.parameters):
+        part, _, name = path.partition(".")
+        if part in parts and part in drone.fmus:
+            variable = parts[part].variables.get(name)
+            if variable is None or not variable.settable:
+                found.append((path, parts[part]))
+    return found
 
 
 def _ends(one: Connection) -> tuple[tuple[str | None, str], tuple[str | None, str]]:

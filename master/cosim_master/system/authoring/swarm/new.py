@@ -122,7 +122,8 @@ def new_system(
         seed: seed of the layout "random".
         until: stop time of the DefaultExperiment, s; None: the time at which the errors of a law on a line have
             decreased to 5 %, or otherwise the scenario's.
-        note: called with the convergence of the law, and with the omitted parts of the scenario.
+        note: called with the convergence of the law, with the omitted parts of the scenario, and with its values that
+            FMUs of the drones lack.
 
     Returns:
         The folder.
@@ -152,9 +153,6 @@ def new_system(
         if until is None:
             until = math.ceil(law.settled / 10.0) * 10.0
     swarm = Swarm(folder.name, like=pattern, stop_time=until, fmus=fmus or _FMUS)
-    for text in (*swarm.notes, *_kept(scenario, pattern.drone, fleet or {}, fmus or _FMUS)):
-        if note is not None:
-            note(text)
     names = {
         row.number: swarm.add(row.pose.name, position=row.position(), stays=row.stays, **own)
         for row, own in zip(rows, given, strict=True)
@@ -162,6 +160,9 @@ def new_system(
     for row in rows:
         if row.right:
             swarm.connect(names[row.number], names[row.right])
+    for text in (*swarm.notes, *_kept(scenario, pattern.drone, fleet or {}, fmus or _FMUS)):
+        if note is not None:
+            note(text)
     return swarm.save(folder)
 
 

@@ -50,6 +50,7 @@ from cosim_master.system.authoring.swarm.drone import (
     exchanged,
     found_fmu,
     parameters_of,
+    without,
 )
 from cosim_master.system.authoring.swarm.scenario import Scenario, scenario_of
 from cosim_master.system.authoring.swarm.surroundings import COUNT, SharedPorts, body_of
@@ -82,7 +83,7 @@ class Swarm:
         fmus: folder in which FMUs of models are searched before those of this project.
 
     Attributes:
-        notes: the omitted parts of `like`, for the user.
+        notes: the omitted parts of `like`, and values of its drone that FMUs of the drones lack, for the user.
 
     Raises:
         SystemDescriptionError: `like` is not the pattern of a swarm.
@@ -365,6 +366,8 @@ class Swarm:
             drone = exchanged(self._drone, fmus)
             others = companions(drone.system, drone.fmus, fmus, (self._fmus, shipped.fmus()))
             self._kinds[key] = exchanged(self._drone, {**fmus, **others}) if others else drone
+            for path, fmu in without(self._drone, {**fmus, **others}):
+                self._note(f"{path} of the template is left out: {fmu.path.name} has no such parameter")
         return self._kinds[key]
 
     def _risen(self, fmus: Mapping[str, FmuDescription]) -> dict[str, float]:
@@ -459,10 +462,13 @@ class Swarm:
         body = drone.parts[part].path.name
         if lacking := ports.missing(drone.parts[part]):
             note = f"{body} has no {', '.join(lacking)}: {fmu.path.name} does not act on it by these"
-            self.notes = tuple(dict.fromkeys((*self.notes, note)))
+            self._note(note)
         if COUNT in fmu.variables:
             others = (one for one in environment.values if one.name != COUNT)
             environment.values = (*others, *parameters_of(environment.parts, COUNT, number + 1))
+
+    def _note(self, text: str) -> None:
+        self.notes = tuple(dict.fromkeys((*self.notes, text)))
 
     def _description(self) -> SwarmDescription:
         return SwarmDescription(
