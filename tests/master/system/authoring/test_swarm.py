@@ -461,3 +461,47 @@ def test_a_new_part_has_any_other_name_or_a_number() -> None:
     swarm.add(agent2="LineAgent")
     parts = [[*one.parts] for one in swarm._members.values()]
     assert parts == [["agent", "autopilot", "vehicle", new] for new in ("follower", "agent2")]
+
+
+def test_parts_of_one_drone_are_connected_inside_its_description(tmp_path: Path) -> None:
+    """Instead of what the template connects; drones with equal connections share a description."""
+    swarm = Swarm("sensing", network={"topology": "broadcast"})
+    for name in ("a", "b", "c"):
+        swarm.add(name, shadow="Hexarotor")
+    for name in ("a", "b"):
+        swarm.connect(f"{name}.vehicle.velocity", f"{name}.shadow.wind")
+        swarm.connect(f"{name}.autopilot.position", f"{name}.shadow.position")
+    with read_system(swarm.save(tmp_path / "sensing")) as structure:
+        same(swarm.system, structure.system)
+        checked = check(structure)
+    assert sorted(one.name for one in (tmp_path / "sensing").glob("*.ssd")) == [
+        *("SystemStructure.ssd", "drone-2.ssd", "drone.ssd"),
+    ]
+    assert not checked.unmatched
+    sources = {link.target: link.source for link in checked.links}
+    for i in (1, 2, 3):
+        for name in ("a", "b"):
+            assert sources[f"{name}.shadow", f"wind[{i}]"] == (f"{name}.vehicle", f"velocity[{i}]")
+            assert sources[f"{name}.autopilot", f"position[{i}]"] == (f"{name}.shadow", f"position[{i}]")
+        assert ("c.shadow", f"wind[{i}]") not in sources
+        assert sources["c.autopilot", f"position[{i}]"] == ("c.vehicle", f"position[{i}]")
+
+
+def test_mistakes_inside_a_drone_are_named() -> None:
+    swarm = Swarm("inside", network={"topology": "broadcast"})
+    swarm.add("a", shadow="Hexarotor")
+    swarm.add("b")
+    wrong = refused(swarm, "connect", "a.vehicle.velocity", "a.shadow.position")
+    text = "are output and output with 3 and 3 elements: connect an output with an input"
+    assert wrong == f"a.vehicle.velocity[1], a.shadow.position[1]: {text}"
+    wrong = refused(swarm, "connect", "a.shadow.wind", "a.autopilot.motor")
+    text = "are output and input with 8 and 3 elements: connect ports with equal numbers of elements"
+    assert wrong == f"a.autopilot.motor[1], a.shadow.wind[1]: {text}"
+    wrong = refused(swarm, "connect", "a.vehicle.velocity", "a.vehicle.wind")
+    assert wrong == "a.vehicle: is one FMU: connect it with another"
+    swarm.connect("a.vehicle.velocity", "a.shadow.wind")
+    driven = "is driven already: an input has one connection"
+    assert refused(swarm, "connect", "a.vehicle.velocity", "a.shadow.wind") == f"a.shadow.wind[1]: {driven}"
+    assert refused(swarm, "connect", "b.vehicle.velocity", "a.shadow.wind") == f"a.shadow_wind[1]: {driven}"
+    swarm.connect("b.vehicle.velocity", "a.vehicle.wind")
+    assert refused(swarm, "connect", "a.shadow.velocity", "a.vehicle.wind") == f"a.vehicle.wind[1]: {driven}"

@@ -14,7 +14,7 @@ from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi.description.read import FmuDescription
-from cosim_master.system.authoring.swarm.drone import Declared, Drone, component, exposed
+from cosim_master.system.authoring.swarm.drone import Declared, Drone, component, exposed, wired
 from cosim_master.system.authoring.swarm.scenario import MONITORS, NAMESPACE, NETWORK, RECORDING, Ways
 from cosim_master.system.authoring.text.documents import system_document
 from cosim_master.system.reading.read import ROOT_DOCUMENT, SSD_TYPE
@@ -48,7 +48,7 @@ class Member:
 
     `parts`: its FMUs by name of part; one FMU has the name "". `drone`: None for one FMU. `place`: one or more
     coordinates. `numbered`: parameters that tell drones apart. `exposed`: ports (part, element) that are connected to
-    others.
+    others. `inner`: sources (part, element) of inputs (part, element), which are connected inside the drone.
     """
 
     name: str
@@ -62,6 +62,7 @@ class Member:
     values: tuple[Parameter, ...]
     neighbours: list[Member | None] = field(default_factory=lambda: [None, None])
     exposed: list[tuple[str, str]] = field(default_factory=list)
+    inner: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,17 +95,18 @@ class SwarmDescription:
     def root(self, folder: Path) -> tuple[System, dict[str, Drone]]:
         """Returns the root system as it is in a folder, and the drones by the file that describes them."""
         kinds: dict[str, Drone] = {}
-        files: dict[tuple[int, tuple[tuple[str, str], ...]], str] = {}
+        files: dict[tuple[Any, ...], str] = {}
         elements = []
         for member in self.members:
             if member.drone is None:
                 elements.append(component(member.name, member.parts[""], member.exposed))
                 continue
             ports = tuple(sorted(member.exposed))
-            key = (id(member.drone), ports)
+            wires = tuple(sorted((source, target) for target, source in member.inner.items()))
+            key = (id(member.drone), ports, wires)
             if key not in files:
                 files[key] = self._file(member.drone, kinds)
-                kinds[files[key]] = exposed(member.drone, ports)
+                kinds[files[key]] = exposed(wired(member.drone, wires), ports)
             inside = kinds[files[key]].system
             place = folder / files[key]
             elements.append(Component(member.name, SSD_TYPE, place, "any", (), (), (), HERE, inside))

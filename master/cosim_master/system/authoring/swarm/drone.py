@@ -37,6 +37,7 @@ __all__ = [
     "exposed",
     "found_fmu",
     "parameters_of",
+    "wired",
     "wired_by_name",
     "without",
 ]
@@ -251,6 +252,18 @@ def _needless(one: Connection, fmus: Mapping[str, FmuDescription], parts: Mappin
         and all(fmus[part].verdicts.get(port.partition("[")[0]) is Role.OPTIONAL for part, port in ends)
         and any(part in parts and port not in parts[part].variables for part, port in ends)
     )
+
+
+def wired(drone: Drone, wires: Sequence[tuple[tuple[str, str], tuple[str, str]]]) -> Drone:
+    """Returns the drone with connections from outputs to inputs (part, port) of its parts.
+
+    They replace those which the inputs have.
+    """
+    made = tuple(Connection(*source, *target, _HERE) for source, target in wires)
+    driven = {(one.end_element, one.end_connector) for one in made}
+    kept = tuple(one for one in drone.system.connections if driven.isdisjoint(_ends(one)))
+    system = replace(drone.system, connections=(*kept, *made))
+    return Drone(_with_connectors(system, drone.fmus, [end for wire in wires for end in wire]), drone.fmus)
 
 
 def exposed(drone: Drone, ports: Sequence[tuple[str, str]]) -> Drone:

@@ -200,7 +200,8 @@ class Swarm:
         Drones, "drone1" and "drone2", get a radio link; the topology of the network is then "listed". If their agents
         follow a law on a line, `second` is the eastern neighbour of `first`. Ports, "wind.velocity" and
         "drone1.vehicle.wind", get connections, one for each element of an array; one must be an output and the
-        other an input.
+        other an input. Inside a drone, "drone1.vehicle.position" and "drone1.sensor.truth", a connection replaces the
+        one that the input has from the template or by its name; drones with equal connections share a description.
 
         Raises:
             SystemDescriptionError: the drone or port does not exist, the ports are incompatible, or a drone already has
@@ -431,22 +432,34 @@ class Swarm:
         return member, part, elements, kinds.pop()
 
     def _wire(self, *ends: tuple[Member, str, tuple[str, ...], str]) -> None:
-        about = ", ".join(f"{member.name}.{elements[0]}" for member, _, elements, _ in ends)
-        (first, _, here, out), (second, _, there, into) = ends
+        about = ", ".join(".".join(filter(None, (member.name, part, some[0]))) for member, part, some, _ in ends)
+        (first, source, here, out), (second, target, there, into) = ends
         if (out, into) == ("input", "output"):
             self._wire(*reversed(ends))
             return
-        if (out, into) != ("output", "input") or len(here) != len(there) or first is second:
-            text = f"are {out} and {into} with {len(here)} and {len(there)} elements: connect an output of one "
-            raise wrong(about, text + "member with an input of as many elements of another")
+        if out == into or len(here) != len(there):
+            fix = "an output with an input" if out == into else "ports with equal numbers of elements"
+            raise wrong(about, f"are {out} and {into} with {len(here)} and {len(there)} elements: connect {fix}")
+        if first is second:
+            self._wire_inside(first, source, here, target, there)
+            return
         outer = []
         for member, part, elements, _ in ends:
             member.exposed += [(part, one) for one in elements if (part, one) not in member.exposed]
-            outer.append(tuple(f"{part}_{one}" if part else one for one in elements))
-        for start, end in zip(*outer, strict=True):
-            if (second.name, end) in self._connections:
+            outer.append(tuple(_outside(part, one) for one in elements))
+        for start, end, inside in zip(*outer, there, strict=True):
+            if (second.name, end) in self._connections or (target, inside) in second.inner:
                 raise wrong(f"{second.name}.{end}", "is driven already: an input has one connection")
             self._connections[second.name, end] = Connection(first.name, start, second.name, end, HERE)
+
+    def _wire_inside(self, member: Member, source: str, here: Sequence[str], target: str, there: Sequence[str]) -> None:
+        """Connects outputs and inputs of two parts of one drone."""
+        if source == target:
+            raise wrong(f"{member.name}.{source}" if source else member.name, "is one FMU: connect it with another")
+        for start, end in zip(here, there, strict=True):
+            if (target, end) in member.inner or (member.name, _outside(target, end)) in self._connections:
+                raise wrong(f"{member.name}.{target}.{end}", "is driven already: an input has one connection")
+            member.inner[target, end] = (source, start)
 
     def _surround(self, environment: Member, ports: SharedPorts, drone: Member, number: int) -> None:
         """Connects an environment with the drone of this number, from 0."""
@@ -492,6 +505,11 @@ def _seconds(name: str, given: Any) -> float:
         return float(given)
     except (TypeError, ValueError):
         raise wrong(name, f"is {given!r}; give a number in s") from None
+
+
+def _outside(part: str, port: str) -> str:
+    """Returns the name of a port of a part outside the system of its drone."""
+    return f"{part}_{port}" if part else port
 
 
 def _place(name: str, position: Any) -> tuple[float, ...]:
