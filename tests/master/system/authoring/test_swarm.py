@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from cosim.build import build, load_models
 from cosim_master import RunOptions, Swarm, check, read_system, signals, simulate
 from cosim_master.diagnostics.errors import SystemDescriptionError, WriteFailed
 from cosim_master.execution.preparation.prepare import prepare
@@ -505,3 +508,23 @@ def test_mistakes_inside_a_drone_are_named() -> None:
     assert refused(swarm, "connect", "b.vehicle.velocity", "a.shadow.wind") == f"a.shadow_wind[1]: {driven}"
     swarm.connect("b.vehicle.velocity", "a.vehicle.wind")
     assert refused(swarm, "connect", "a.shadow.velocity", "a.vehicle.wind") == f"a.vehicle.wind[1]: {driven}"
+
+
+def test_an_own_environment_as_printed_leaves_room_for_more_drones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """docs/environment.md: what it has for more drones than there are is meant to stay open; the drones are lifted."""
+    page = (Path(__file__).parents[4] / "docs" / "environment.md").read_text(encoding="utf-8")
+    section = page.split("## Your own environment\n")[1].split("\n## ")[0]
+    (model_file, text), (_, program) = re.findall(r"^```python(?: file=(\S+))?\n(.*?)^```$", section, re.M | re.S)
+    monkeypatch.chdir(tmp_path)
+    Path(model_file).write_text(text, encoding="utf-8")
+    (model,) = load_models(model_file)
+    build(model, tmp_path / "fmus")
+    exec(compile(program, "environment.md", "exec"), {})
+    result = simulate("lifted", RunOptions(out=tmp_path / "out", record=("environment.*",), strict=True, until=5.0))
+    assert result.verdict is not None and [one.text for one in result.verdict.findings] == []
+    winds = signals(tmp_path / "out").to_pydict()
+    outside = 2.0 * math.exp(-4.0)  # 10 m beside the centre, twice its extent
+    down = [winds[f"environment.wind[{3 * n}]"][-1] for n in range(1, 17)]
+    assert down[:3] == pytest.approx([-outside, -2.0, -outside], rel=0.05) and down[3:] == [0.0] * 13
