@@ -226,7 +226,7 @@ def test_what_python_has_at_hand_is_taken_for_a_study() -> None:
             {"metrics": (3,)},
             "metrics: contains 3, not a Metric; try Metric.parsed('error_to_law'), or this text itself",
         ),
-        ({"keep": "a.*"}, "keep: is 'a.*', not a sequence; try keep=(\"*.vehicle.position*\",)"),
+        ({"keep": "a.*"}, "keep: is 'a.*', not a sequence; try keep=(\"*.vehicle.*\",)"),
         ({"until": "30"}, "until: is '30'; give a number"),
     ],
 )

@@ -93,6 +93,7 @@ IN_FILES = {
         "campaigns/study/study.py": "key of a study",
         "cli/terminal/options.py": "option",
         "cli/verbs/systems.py": "counted in a text",
+        "execution/options.py": "option",
         "execution/outcome/manifest.py": "key of the manifest",
         "fmi/description/declarations.py": "attribute of the annotation of verdicts",
         "network/gateways/gateways.py": "of port numbers",

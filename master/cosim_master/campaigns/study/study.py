@@ -153,7 +153,7 @@ class Study:
             "factors": _parts("factors", self.factors, Factor, "network.loss=0,0.1"),
             "seeds": tuple(seed_number("seeds", seed) for seed in seeds),
             "metrics": _parts("metrics", self.metrics, Metric, "error_to_law"),
-            "keep": tuple(map(str, several("keep", self.keep, 'keep=("*.vehicle.position*",)'))),
+            "keep": tuple(map(str, several("keep", self.keep, 'keep=("*.vehicle.*",)'))),
             "overrides": run.overrides,
             "at": run.at,
             "until": run.until,
