@@ -70,7 +70,7 @@ def new(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder with the FMUs of vehicle, autopilot and agent.",
+            help="Folder with the FMUs of vehicle, autopilot and agent; models given by name are searched here first.",
             show_default="fmus where it holds all three, else the FMUs that come with uav-cosim",
         ),
     ] = None,
@@ -214,7 +214,8 @@ def swap(
         ),
     ],
     fmu: Annotated[
-        Path, typer.Argument(metavar="FMU", help="The FMU it gets: a file, or a model that comes with uav-cosim.")
+        Path,
+        typer.Argument(metavar="FMU", help="The FMU it gets: a file, or a model in the folder fmus or of uav-cosim."),
     ],
     new: Annotated[Path | None, typer.Option("-o", "--out", metavar="SYSTEM", help="The new system.")] = None,
     in_place: Annotated[bool, typer.Option("--in-place", help="Change the system itself.", show_default=False)] = False,

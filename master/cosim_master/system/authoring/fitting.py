@@ -16,7 +16,27 @@ from cosim_master.fmi.description.read import FmuDescription, Start, describe, m
 from cosim_master.system import shipped
 from cosim_master.system.structure import Connector, System
 
-__all__ = ["companions", "having", "lacking", "misfits", "own_start"]
+__all__ = ["OWN", "companions", "having", "lacking", "misfits", "model_fmu", "models", "own_start"]
+
+OWN = Path("fmus")
+"""The folder in which FMUs of models are searched before those of this project; `uav-cosim build` writes to it."""
+
+
+def model_fmu(name: str, folder: Path | None = OWN) -> Path | None:
+    """Returns the FMU of the model with this name; None if there is no such model.
+
+    Args:
+        folder: the folder in which FMUs of models are searched before those of this project.
+    """
+    if folder is not None and name.isidentifier() and (own := folder / f"{name}.fmu").is_file():
+        return own
+    return shipped.fmu(name)
+
+
+def models(folder: Path | None = OWN) -> list[str]:
+    """Returns the names of the models that have been built, sorted."""
+    folders = [shipped.fmus()] if folder is None else [folder, shipped.fmus()]
+    return sorted({one.stem for some in folders for one in some.glob("*.fmu") if one.stem.isidentifier()})
 
 
 def misfits(system: System, fmus: Mapping[str, FmuDescription]) -> Iterator[tuple[str, str, tuple[int, ...], str]]:

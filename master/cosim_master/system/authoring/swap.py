@@ -11,6 +11,7 @@ import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from filecmp import cmp
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeAlias
 
@@ -20,7 +21,7 @@ from cosim_master.files import archive
 from cosim_master.files.whole import write_whole, writing
 from cosim_master.fmi.description.read import FmuDescription, describe
 from cosim_master.system import shipped
-from cosim_master.system.authoring.fitting import companions, having, lacking, misfits, own_start
+from cosim_master.system.authoring.fitting import companions, having, lacking, misfits, model_fmu, models, own_start
 from cosim_master.system.authoring.text.sources import references
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
@@ -49,10 +50,11 @@ def swap(
     Args:
         system: .ssd, .ssp or folder.
         component: hierarchical name of the component ("drone3.vehicle"), or a pattern of such names ("drone*.vehicle").
-        fmu: the new FMU; an .ssp stores a copy of it in resources/.
+        fmu: the new FMU, a file or the name of a model, whose FMU is searched in the folder `fmus` and then among those
+            of this project; an .ssp stores a copy of it in resources/.
         out: the new system: an .ssp or a folder, which must not exist. None changes `system` itself.
         note: called with a sentence for each other component that is swapped, or that does not accept the new FMU and
-            stays, because there is no FMU that does.
+            stays, because there is no FMU that does; and for a model that two folders have.
 
     Returns:
         The path written: `out`, or `system`.
@@ -65,15 +67,19 @@ def swap(
     """
     with read_system(system) as structure:
         chains = _chains(structure, component)
-        path = Path(fmu)
+        path, notes = Path(fmu), list[str]()
         if not path.is_file():
-            found = shipped.fmu(str(fmu))
+            found = model_fmu(str(fmu))
             if found is None:
-                models = [one.stem for one in shipped.fmus().glob("*.fmu") if one.stem.isidentifier()]
-                close = similar(str(fmu), models)
+                close = similar(str(fmu), models())
                 hint = near(str(fmu), close) if close else "give the FMU that the component is to have"
                 raise _refusal(str(path), f"no such file; {hint}")
             path = found
+            other = shipped.fmus() / path.name
+            if other.is_file() and not cmp(other, path, shallow=False):
+                notes.append(
+                    f"{fmu} is {path}, not the model of this name that comes with uav-cosim; give {other} for it"
+                )
         if out is None and not Path(system).exists():
             raise _refusal(str(system), "a shipped system is not changed in place; give a path for the new one")
         path = path.parent.resolve() / path.name
@@ -88,7 +94,7 @@ def swap(
         swap(target, name, other)
     if note is not None:
         now = [f"{name} is now {other.stem}: {reason}" for name, (other, reason) in others.items()]
-        for text in (*kept, *now, *unfit):
+        for text in (*notes, *kept, *now, *unfit):
             note(text)
     return target
 

@@ -116,6 +116,7 @@ def test_a_shipped_model_that_accepts_a_vehicle_is_built(
     (tmp_path / "master").mkdir()
     (tmp_path / "master" / "systems").symlink_to(SYSTEMS)
     monkeypatch.setattr(shipped, "_root", lambda: tmp_path)
+    monkeypatch.chdir(tmp_path)  # its folder fmus is searched, too
     told: list[str] = []
     swap("line5", "drone3.vehicle", "Rover", tmp_path / "swapped", told.append)
     assert told == ["drone3.autopilot is now RoverAutopilot: Autopilot does not accept Rover"]

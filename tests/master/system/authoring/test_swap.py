@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim_master.diagnostics.errors import SystemDescriptionError, WriteFailed
+from cosim_master.system import shipped
 from cosim_master.system.authoring.swap import swap
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
@@ -502,3 +503,25 @@ def test_a_value_that_was_for_the_old_fmu_is_told(fmus: Path, tmp_path: Path) ->
     notes.clear()
     swap("line5", "drone3.vehicle", fmus / "Hexarotor.fmu", tmp_path / "hexa", notes.append)
     assert not [one for one in notes if " stays " in one]
+
+
+def test_a_model_is_searched_where_new_searches_it(
+    fmus: Path, system: Path, workshop: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the folder fmus, and then among those of the project: of two with one name, the note tells which it is."""
+    monkeypatch.chdir(workshop.root)
+    monkeypatch.setattr(shipped, "fmus", lambda: fmus)
+    shutil.copyfile("fmus/Hexarotor.fmu", "fmus/Blimp.fmu")
+    notes: list[str] = []
+    assert (
+        sources(swap(system, "drone3.vehicle", "Blimp", workshop.root / "one", notes.append))["drone3.vehicle"]
+        == "Blimp.fmu"
+    )
+    assert notes == []
+    swapped = swap(system, "drone3.vehicle", "Hexarotor", workshop.root / "other", notes.append)
+    with read_system(swapped) as structure:
+        used = {one.name: one.fmu.path for one in check(structure).instances}["drone3.vehicle"]
+    assert used.samefile(workshop.root / "fmus/Hexarotor.fmu")
+    text = "Hexarotor is fmus/Hexarotor.fmu, not the model of this name that comes with uav-cosim"
+    assert notes == [f"{text}; give {fmus / 'Hexarotor.fmu'} for it"]
+    assert 'did you mean "Blimp"?' in refusal(system, "drone3.vehicle", "Blimb", workshop.root / "third")

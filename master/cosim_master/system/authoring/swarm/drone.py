@@ -21,7 +21,7 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 from cosim_master.diagnostics.names import near
 from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.fmi.description.read import FmuDescription, Variable, describe
-from cosim_master.system import shipped
+from cosim_master.system.authoring.fitting import model_fmu, models
 from cosim_master.system.formation import formation_of
 from cosim_master.system.reading.read import FMU_TYPE
 from cosim_master.system.structure import Component, Connection, Connector, Parameter, ParameterBinding, System, Value
@@ -107,12 +107,9 @@ def found_fmu(given: str | Path, folder: Path | None = None) -> Path:
     path = Path(given)
     if path.is_file():
         return path
-    if folder is not None and str(given).isidentifier() and (own := folder / f"{given}.fmu").is_file():
-        return own
-    if (known := shipped.fmu(str(given))) is not None:
+    if (known := model_fmu(str(given), folder)) is not None:
         return known
-    models = sorted(one.stem for one in shipped.fmus().glob("*.fmu") if one.stem.isidentifier())
-    text = f"is neither a file nor a model that has been built; {near(str(given), models)}"
+    text = f"is neither a file nor a model that has been built; {near(str(given), models(folder))}"
     raise SystemDescriptionError([Problem(Where(str(given)), text)])
 
 

@@ -31,7 +31,7 @@ from lxml import etree
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi.description.read import FmuDescription, describe
 from cosim_master.system import shipped
-from cosim_master.system.authoring.fitting import own_start
+from cosim_master.system.authoring.fitting import OWN, own_start
 from cosim_master.system.authoring.swarm.drone import Declared, Drone, declared, described, found_fmu, wired_by_name
 from cosim_master.system.authoring.swarm.layouts import LAYOUTS, Pose, laid_out, poses_of_file
 from cosim_master.system.authoring.swarm.scenario import Scenario, scenario_of
@@ -48,7 +48,6 @@ _SETTLED = 0.05
 _DRONE = ("line5", "drone.ssd")
 """The shipped system, and its document, that provide the parts of a drone."""
 _NETWORK = {"latency": "0.02", "seed": "1"}
-_FMUS = Path("fmus")
 Fleet: TypeAlias = Mapping[str, Sequence[str]]
 """FMUs by name of the part that they replace: the first drone uses the first one, and so on, cyclically."""
 
@@ -139,7 +138,7 @@ def new_system(
     given: list[dict[str, Any]] = [
         {part: files[i % len(files)] for part, files in (fleet or {}).items()} for i in range(drones)
     ]
-    kinds = _kinds(pattern.drone, given, fmus or _FMUS)
+    kinds = _kinds(pattern.drone, given, fmus or OWN)
     shape = layout or (scenario if scenario in SHAPES else "grid")
     on_a_line = [kind.formation is not None for kind in kinds]
     if any(on_a_line) and sum(on_a_line) < 3:
@@ -152,7 +151,7 @@ def new_system(
             note(_told(law, spacing if shape in SHAPES and all(on_a_line) else None))
         if until is None:
             until = math.ceil(law.settled / 10.0) * 10.0
-    swarm = Swarm(folder.name, like=pattern, stop_time=until, fmus=fmus or _FMUS)
+    swarm = Swarm(folder.name, like=pattern, stop_time=until, fmus=fmus or OWN)
     names = {
         row.number: swarm.add(row.pose.name, position=row.position(), stays=row.stays, **own)
         for row, own in zip(rows, given, strict=True)
@@ -160,7 +159,7 @@ def new_system(
     for row in rows:
         if row.right:
             swarm.connect(names[row.number], names[row.right])
-    for text in (*swarm.notes, *_kept(scenario, pattern.drone, fleet or {}, fmus or _FMUS)):
+    for text in (*swarm.notes, *_kept(scenario, pattern.drone, fleet or {}, fmus or OWN)):
         if note is not None:
             note(text)
     return swarm.save(folder)

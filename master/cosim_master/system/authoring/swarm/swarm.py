@@ -32,7 +32,7 @@ from cosim_master.diagnostics.names import did_you_mean, near, similar
 from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.fmi.description.read import FmuDescription
 from cosim_master.system import shipped
-from cosim_master.system.authoring.fitting import companions
+from cosim_master.system.authoring.fitting import OWN, companions
 from cosim_master.system.authoring.swarm.description import (
     HERE,
     PARAMETERS,
@@ -97,7 +97,7 @@ class Swarm:
         network: Mapping[str, Any] | None = None,
         stop_time: float | None = None,
         recorded_every: float = _RECORDED_EVERY,
-        fmus: Path = Path("fmus"),
+        fmus: Path = OWN,
     ) -> None:
         scenario = like if isinstance(like, Scenario) else scenario_of(like)
         self.name = name
