@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -35,6 +37,7 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.reading.flight import read_flight
 from cosim_master.results.reading.read import signals
+from cosim_master.system.authoring.swarm.swarm import Swarm
 from tests.master.cli.test_command_line import is_as_documented
 from tests.master.processes import children
 from tests.scenarios.flights import copy_of
@@ -210,6 +213,26 @@ def test_a_worker_with_other_files_is_refused(fmus: Path) -> None:
     place = look_at(study, run)
     with pytest.raises(Disagreement, match="has another version, system or FMUs than the client"):
         perform(study, replace(place, identity="0" * 16), run)
+
+
+def test_an_fmu_that_is_built_anew_during_a_campaign_is_named(fmus: Path, tmp_path: Path) -> None:
+    """The digest of an FMU is that of its file: another build of a model is another FMU."""
+    swarm = Swarm("one", stop_time=1.0, network={"topology": "broadcast"})
+    own = tmp_path / "Own.fmu"
+    shutil.copyfile(fmus / "Quadrotor.fmu", own)
+    swarm.add("lone", vehicle=own)
+    study = Study(system=str(swarm.save(tmp_path / "one")), metrics=metrics("packets_lost"))
+    (run,) = study.runs()
+    place = look_at(study, run)
+    assert perform(study, place, run).row["outcome"] == "done"
+    shutil.copyfile(fmus / "Hexarotor.fmu", own)
+    with pytest.raises(Disagreement) as caught:
+        perform(study, place, run)
+    text = (
+        r"worker \S+: has another \S+Own\.fmu \(lone\.vehicle\) than the client had when it began: if the file has "
+        r"been built anew since, begin the campaign again; otherwise, share the folders"
+    )
+    assert re.fullmatch(text, str(caught.value))
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from cosim_master.execution.preparation.fingerprint import fingerprint_of
 from cosim_master.execution.preparation.prepare import Prepared, prepare
 from cosim_master.fmi.description.read import FmuDescription
 from cosim_master.system.flatten.check import check
-from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
 from cosim_master.system.reading.overrides import SETTINGS
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.reading.single_fmu import as_model_exchange, full_names
@@ -35,6 +35,7 @@ class Place:
     Attributes:
         inputs: digests of everything that its runs have in common, by name.
         identity: that of the system, see `agree`.
+        fmus: digests of its FMUs, each by the name of the first component that has it.
         seed: the seed of the system.
         begin: the time at which its runs begin, s.
         record: patterns of the signals to be recorded: those that metrics need, and those that are kept.
@@ -43,6 +44,7 @@ class Place:
 
     inputs: Mapping[str, str]
     identity: str
+    fmus: Mapping[str, str]
     seed: int
     begin: float
     record: tuple[str, ...]
@@ -75,6 +77,7 @@ def look_at(study: Study, run: Planned) -> Place:
         return Place(
             {name: digest for name, digest in found.items() if name not in ("seed", "changes")},
             _identity(checked),
+            {one.name: one.fmu.digest for one in _first_users(checked)},
             ready.network.seed,
             ready.clock.time(0),
             record or ((first,) if first else ()),
@@ -93,9 +96,15 @@ class Disagreement(CosimError):
 
 def agree(place: Place, ready: Prepared) -> None:
     """Raises Disagreement if this process does not see the system of the client."""
-    if _identity(ready.checked) != place.identity:
-        text = "has another version, system or FMUs than the client; install the same version, and share the folders"
-        raise Disagreement(f"worker {here()}: {text}")
+    if _identity(ready.checked) == place.identity:
+        return
+    text = "has another version, system or FMUs than the client; install the same version, and share the folders"
+    for one in ready.checked.instances:
+        if place.fmus.get(one.name, one.fmu.digest) != one.fmu.digest:
+            text = f"has another {one.fmu.path} ({one.name}) than the client had when it began: if the file has been"
+            text += " built anew since, begin the campaign again; otherwise, share the folders"
+            break
+    raise Disagreement(f"worker {here()}: {text}")
 
 
 def here() -> str:
@@ -109,6 +118,11 @@ def _identity(checked: CheckedSystem) -> str:
     for one in checked.instances:
         digest.update(f"{one.name} {one.fmu.digest}\n".encode())
     return digest.hexdigest()[:16]
+
+
+def _first_users(checked: CheckedSystem) -> list[ComponentInstance]:
+    """Returns the first component of each FMU."""
+    return [*{one.fmu.path: one for one in reversed(checked.instances)}.values()]
 
 
 def _of_factors(error: SystemDescriptionError, study: Study) -> SystemDescriptionError:
