@@ -528,3 +528,15 @@ def test_an_own_environment_as_printed_leaves_room_for_more_drones(
     outside = 2.0 * math.exp(-4.0)  # 10 m beside the centre, twice its extent
     down = [winds[f"environment.wind[{3 * n}]"][-1] for n in range(1, 17)]
     assert down[:3] == pytest.approx([-outside, -2.0, -outside], rel=0.05) and down[3:] == [0.0] * 13
+
+
+def test_attributes_of_network_and_monitors_are_checked_before_a_run(tmp_path: Path) -> None:
+    """Not by `save`, which knows SSP and FMUs alone."""
+    swarm = Swarm("slips", network={"los": 0.1})
+    swarm.add(position=(0.0, 0.0), stays=True)
+    swarm.monitor("separaton", least=2.0)
+    folder = swarm.save(tmp_path / "slips")
+    with read_system(folder) as structure, pytest.raises(SystemDescriptionError) as caught:
+        prepare(check(structure))
+    said = str(caught.value)
+    assert "attribute los: valid are" in said and "<separaton> is unknown here" in said

@@ -278,7 +278,9 @@ class Swarm:
     def save(self, folder: str | Path) -> Path:
         """Writes the swarm as a system folder, which must not exist.
 
-        The files are read back, compared and checked; a system that `check` refuses is removed.
+        The files are read back and compared, and their structure and values are checked (`cosim_master.check`); a
+        system that this refuses is removed. Attributes of the network and of monitors are read by `simulate` and
+        `uav-cosim check` only, which refuse wrong ones.
 
         Raises:
             SystemDescriptionError: the folder exists, the swarm is empty, or `check` refuses it.
