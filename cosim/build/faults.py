@@ -15,6 +15,7 @@ import os
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from itertools import takewhile
 from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple
@@ -384,8 +385,12 @@ class _Reader(ast.NodeVisitor):
 
     def _call(self, node: ast.Call, called: Any, name: str) -> None:
         parameters = inspect.signature(called.py_func)
+        known = [*takewhile(lambda argument: not isinstance(argument, ast.Starred), node.args)]
+        whole = len(known) == len(node.args) and all(keyword.arg for keyword in node.keywords)
         try:
-            bound = parameters.bind(*node.args, **{k.arg: k.value for k in node.keywords if k.arg})
+            # The source does not say how many arguments *tuple gives.
+            bind = parameters.bind if whole else parameters.bind_partial
+            bound = bind(*known, **{k.arg: k.value for k in node.keywords if k.arg})
         except TypeError as error:
             self._fault(node, f"{name}{parameters.replace(return_annotation=inspect.Signature.empty)}: {error}")
             return

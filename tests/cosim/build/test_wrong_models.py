@@ -326,6 +326,37 @@ def test_all_faults_are_told_at_once(loaded: Any, tmp_path: Path) -> None:
     ]
 
 
+SPREAD = """
+@kernel
+def area(length, width, height):
+    return length * width + height
+
+
+@kernel
+def spread(m, t):
+    sides = (t, 2.0)
+    return area(*sides, m.u) + area(m.u, *sides) + area(*sides, height=m.u){more}
+"""
+
+
+@pytest.mark.parametrize(
+    ("more", "also"),
+    [
+        ("", []),
+        (" + area(t, t, t, t, *sides)", ["area(length, width, height): too many positional arguments"]),
+        (" + area(*sides, hight=t)", ["area(length, width, height): got an unexpected keyword argument 'hight'"]),
+    ],
+)
+def test_calls_whose_arguments_are_a_tuple_are_compared_as_far_as_the_source_tells(
+    more: str, also: list[str], loaded: Any, tmp_path: Path
+) -> None:
+    model = loaded(tmp_path, "m.y = spread(m, t) + zzz\nreturn 0", SPREAD.format(more=more))
+    with pytest.raises(CannotCompile) as failed:
+        build(model, tmp_path / "fmus")
+    told = [line.split(": ", 2)[2] for line in str(failed.value).splitlines()]
+    assert told == [*also, 'no name "zzz"']
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
