@@ -6,7 +6,10 @@ Enumerations are ignored. Source: the MAVLink guide, "Define XML Elements" and "
 
 from __future__ import annotations
 
+import ast
+import builtins
 import re
+from collections import Counter
 from collections.abc import Mapping
 from keyword import iskeyword
 from pathlib import Path
@@ -160,11 +163,14 @@ def module_source(messages: Mapping[str, Message], origin: str) -> str:
     Args:
         messages: the result of `read_xml`.
         origin: name of the XML file, for the module's docstring.
+
+    Raises:
+        ValueError: two names of the module are the same, or one is used by its kernels.
     """
     body = "\n".join(
         line for message in messages.values() for line in (*message_lines(message), *_packet_lines(message))
     )
-    return module_head(
+    module = module_head(
         (
             f'"""Messages of {origin} as kernels over payloads, as in `cosim.messages`. Generated: do not edit.',
             "",
@@ -176,6 +182,26 @@ def module_source(messages: Mapping[str, Message], origin: str) -> str:
         body,
         ("has_crc", "message_id", "pack_defined"),
     )
+    _require_different_names(module, origin)
+    return module
+
+
+_USED_TO_PACK = frozenset(("buffer", "start", "n", "payload", "sequence", "system", "component", "definition"))
+"""Arguments and variables of the kernels that handle packets: they would hide a message of the name."""
+
+
+def _require_different_names(module: str, origin: str) -> None:
+    names = [*_USED_TO_PACK, *dir(builtins)]
+    for node in ast.parse(module).body:
+        if isinstance(node, ast.ImportFrom | ast.Import):
+            names += [alias.asname or alias.name for alias in node.names]
+        elif isinstance(node, ast.FunctionDef):
+            names.append(node.name)
+        elif isinstance(node, ast.Assign):
+            names.append(ast.unparse(node.targets[0]))
+    if twice := sorted(name for name, number in Counter(names).items() if number > 1):
+        text = "is the name of two things in the module" if len(twice) == 1 else "are names of two things in the module"
+        raise ValueError(f"{origin}: {', '.join(twice)} {text}; rename a message or field")
 
 
 def _packet_lines(message: Message) -> list[str]:

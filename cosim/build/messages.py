@@ -87,6 +87,9 @@ _TYPES = {
     "float": ("f32", 4, "float"),
     "double": ("f64", 8, "float"),
 }
+_KINDS = ("f32", "f64", "i8", "i16", "i32", "i64", "u8", "u16", "u32", "u64")
+_USED_TO_ENCODE = frozenset({"payload", "zero", "np", "clear", *(f"put_{kind}" for kind in _KINDS)})
+"""Names in an encode kernel, besides builtins and the constants of its message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,12 +117,6 @@ class Field:
         """Size in bytes in the payload."""
         return _TYPES[self.type][1] * max(self.count, 1)
 
-    @property
-    def argument(self) -> str:
-        """Name of the field as a Python argument."""
-        reserved = keyword.iskeyword(self.name) or hasattr(builtins, self.name)
-        return f"{self.name}_" if reserved else self.name
-
 
 @dataclass(frozen=True, slots=True)
 class Message:
@@ -139,6 +136,19 @@ class Message:
     def minimum_length(self) -> int:
         """Payload length in bytes without extensions, the length in MAVLink 1."""
         return sum(field.size for field in self.fields if not field.extension)
+
+    def argument(self, field: Field) -> str:
+        """Returns the name of a field as an argument of the encode kernel: with a "_" if that uses the name itself."""
+        if field.name.lstrip("_").startswith(f"{self.name}_"):
+            return f"_{field.name}"  # constants of the message begin so
+        stem = field.name.rstrip("_")  # of `zero_` too, which would otherwise become the argument of `zero`
+        own = stem in _USED_TO_ENCODE or keyword.iskeyword(stem) or hasattr(builtins, stem)
+        return f"{field.name}_" if own else field.name
+
+    def constant(self, field: Field) -> str:
+        """Returns the name of the constant that is the offset of a field; X_LENGTH is the length of the message."""
+        own = "_" if field.name.upper().rstrip("_") == "LENGTH" else ""
+        return f"{self.name}_{field.name.upper()}{own}"
 
     def offset(self, name: str) -> int:
         """Returns the offset of the field `name`, or -1 if the message lacks it."""
@@ -316,8 +326,7 @@ _MESSAGES_DOC = (
 
 
 def _access_names() -> list[str]:
-    kinds = ("f32", "f64", "i8", "i16", "i32", "i64", "u8", "u16", "u32", "u64")
-    return ["clear", *(f"{access}_{kind}" for access in ("get", "put") for kind in kinds)]
+    return ["clear", *(f"{access}_{kind}" for access in ("get", "put") for kind in _KINDS)]
 
 
 def message_lines(message: Message) -> list[str]:
@@ -334,7 +343,7 @@ def message_lines(message: Message) -> list[str]:
         array = f"[{field.count}]" if field.count else ""
         unit = f" [{field.unit.strip('[]')}]" if field.unit else ""
         extension = ", extension" if field.extension else ""
-        lines.append(f"{_constant(message, field)} = {field.offset}  # {field.type}{array}{unit}{extension}")
+        lines.append(f"{message.constant(field)} = {field.offset}  # {field.type}{array}{unit}{extension}")
     scalars = [field for field in message.fields if not field.count]
     lines += _encode_lines(message, scalars) + _decode_lines(message, scalars)
     for field in message.fields:
@@ -343,23 +352,19 @@ def message_lines(message: Message) -> list[str]:
     return [*lines, ""]
 
 
-def _constant(message: Message, field: Field) -> str:
-    return f"{message.name}_{field.name.upper()}"
-
-
 def _encode_lines(message: Message, scalars: Sequence[Field]) -> list[str]:
-    arguments = [f"{field.argument}: {_TYPES[field.type][2]}" for field in scalars]
+    arguments = [f"{message.argument(field)}: {_TYPES[field.type][2]}" for field in scalars]
     lines = ["", "", "@kernel"]
     lines += _wrapped(f"def encode_{message.name.lower()}(", ["payload: Bytes", *arguments], ") -> int:")
     lines.append(f'    """Fills `payload` with {_article(message.name)}; returns {message.name}_LENGTH."""')
     lines.append(_NOT_LITERAL)
     for field in message.fields:
-        offset = f"zero + {_constant(message, field)}"
+        offset = f"zero + {message.constant(field)}"
         if field.count:
             lines += _wrapped("clear(", ["payload", offset, f"{offset} + {field.size}"], ")", indent="    ")
         else:
             put = f"put_{_TYPES[field.type][0]}("
-            lines += _wrapped(put, ["payload", offset, field.argument], ")", indent="    ")
+            lines += _wrapped(put, ["payload", offset, message.argument(field)], ")", indent="    ")
     return [*lines, f"    return {message.name}_LENGTH"]
 
 
@@ -367,7 +372,7 @@ def _decode_lines(message: Message, scalars: Sequence[Field]) -> list[str]:
     if not scalars:
         return []
     types = [_TYPES[field.type][2] for field in scalars]
-    values = [f"get_{_TYPES[field.type][0]}(payload, zero + {_constant(message, field)})" for field in scalars]
+    values = [f"get_{_TYPES[field.type][0]}(payload, zero + {message.constant(field)})" for field in scalars]
     lines = ["", "", "@kernel"]
     start = f"def decode_{message.name.lower()}(payload: Bytes) -> "
     if len(scalars) == 1:
@@ -395,7 +400,7 @@ def _decode_lines(message: Message, scalars: Sequence[Field]) -> list[str]:
 def _element_lines(message: Message, field: Field) -> list[str]:
     kind, size, type_ = _TYPES[field.type]
     access = f"{message.name.lower()}_{field.name}"
-    offset = f"{_constant(message, field)} + i" if size == 1 else f"{_constant(message, field)} + {size} * i"
+    offset = f"{message.constant(field)} + i" if size == 1 else f"{message.constant(field)} + {size} * i"
     return [
         *("", "", "@kernel"),
         f"def put_{access}(payload: Bytes, i: int, value: {type_}) -> None:",

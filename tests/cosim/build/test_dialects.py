@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
+import io
+import struct
 import sys
+import tokenize
 from collections.abc import Iterator
+from keyword import iskeyword
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -182,3 +186,61 @@ def test_packets_of_a_generated_module_are_those_of_pymavlink(modules: tuple[Mod
     buffer[12] ^= 1
     assert not ours.is_swarm_bid(buffer, 0)
     assert ours.pack_swarm_bid(buffer[:20], 0, payload, 9, 3, 191) == -1
+
+
+def dialect(path: Path, **messages: list[str]) -> Path:
+    """Writes messages with these fields, all uint16_t."""
+    written = [
+        f'<message id="{43000 + i}" name="{name}">'
+        + "".join(f'<field type="uint16_t" name="{field}"/>' for field in fields)
+        + "</message>"
+        for i, (name, fields) in enumerate(messages.items())
+    ]
+    path.write_text(f"<mavlink><messages>{''.join(written)}</messages></mavlink>")
+    return path
+
+
+def test_fields_may_have_every_name_that_a_generated_module_uses(xml: Path, tmp_path: Path) -> None:
+    module = module_source(read_xml(xml), "swarm.xml")
+    tokens = tokenize.generate_tokens(io.StringIO(module).readline)
+    names = {token.string for token in tokens if token.type == tokenize.NAME and not iskeyword(token.string)}
+    names = {name for name in names if not name.upper().startswith(("SWARM_", "ENCODE_", "DECODE_"))}
+    names |= {"length", "zero_", "zero__", "put_f64", "USED", "USED_LENGTH", "_USED_LENGTH", "USED_ZERO"}
+    assert names > {"payload", "zero", "np", "clear", "put_u8", "int", "kernel", "Bytes", "i", "value", "system"}
+    messages = {f"USED{i or ''}": sorted(names)[i::2] for i in range(2)}  # a message has 255 bytes at most
+    path = tmp_path / "used_names.py"
+    path.write_text(module_source(read_xml(dialect(tmp_path / "used.xml", **messages)), "used.xml"))
+    spec = importlib.util.spec_from_file_location("used_names", path)
+    assert spec is not None and spec.loader is not None
+    used: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(used)
+    for message, fields in messages.items():
+        payload, lower = np.zeros(255, np.uint8), message.lower()
+        values = range(300, 300 + len(fields))
+        encode, decode = (getattr(used, f"{how}_{lower}").py_func for how in ("encode", "decode"))
+        assert encode(payload, *values) == getattr(used, f"{message}_LENGTH") == 2 * len(fields)
+        assert payload.tobytes() == struct.pack(f"<{len(fields)}H", *values).ljust(255, b"\0")
+        assert decode(payload) == tuple(values)
+        assert getattr(used, f"encode_{lower}")(payload, *values[::-1]) == 2 * len(fields)
+        assert getattr(used, f"decode_{lower}")(payload) == tuple(values[::-1])
+
+
+@pytest.mark.parametrize(
+    ("messages", "twice"),
+    [
+        ({"X": ["y"], "X_Y": ["z"]}, "X_Y is the name of two things"),
+        ({"X": ["y", "Y"]}, "X_Y is the name"),
+        ({"np": ["y"]}, "np is the name"),
+        ({"put_u16": ["y"]}, "put_u16 is the name"),
+        ({"int": ["y"]}, "int is the name"),
+        ({"payload": ["y"]}, "payload is the name"),
+        ({"X": ["y"], "x": ["y"]}, "decode_x, encode_x, is_x, pack_x are names of two things"),
+    ],
+)
+def test_two_names_of_a_generated_module_that_are_the_same(
+    messages: dict[str, list[str]], twice: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError) as caught:
+        module_source(read_xml(dialect(tmp_path / "twice.xml", **messages)), "twice.xml")
+    assert str(caught.value).startswith(f"twice.xml: {twice}")
+    assert str(caught.value).endswith(" in the module; rename a message or field")
