@@ -91,9 +91,9 @@ class Kernel(Deferred):
     def folders(self) -> Callable[[], tuple[Path, Path]] | None:
         """Returns the folders of machine code, the package's own and the user's; None: it is not stored."""
         source = Path(self.py_func.__code__.co_filename)
-        return (
-            partial(_code_folders, source) if self.py_func.__closure__ is None and _in_package(source.parent) else None
-        )
+        # A file of a package that was not loaded as its module imports others beside it by names without the package.
+        of_package = _in_package(source.parent) and self.py_func.__module__ != source.stem
+        return partial(_code_folders, source) if self.py_func.__closure__ is None and of_package else None
 
     @cached_property
     def compiled(self) -> Any:

@@ -14,7 +14,7 @@ import signal
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ from cosim.build.description import complete
 from cosim.build.faults import doubts_of, place
 from cosim.build.interpreted import build_interpreted
 from cosim.build.native.compiled import HOST, TARGETS, CannotCompile, build_compiled
-from cosim.build.sources import Sources, sources_of
+from cosim.build.sources import Sources, imported_beside, sources_of
 from cosim.model import Model
 from cosim.pages import variables
 
@@ -53,8 +53,11 @@ class Built:
 def load_models(source: str) -> list[type[Model]]:
     """Returns the model classes of a Python file or of an importable module (``cosim_models.vehicles.quadrotor``).
 
+    A file finds the modules beside it, as where Python runs it.
+
     Raises:
-        ValueError: the file or module does not exist or defines no model, or another module of that name is loaded.
+        ValueError: the file or module does not exist or defines no model, or another module of its name, or of that of
+            one beside it, is loaded.
         ImportError: the module imports something that does not exist.
         Exception: any exception that the module raises on import; of a file, as a ValueError with file and line.
     """
@@ -62,18 +65,11 @@ def load_models(source: str) -> list[type[Model]]:
         file = Path(source).resolve()
         if not file.is_file():
             raise ValueError(f"{source}: no such file")
-        spec = importlib.util.spec_from_file_location(file.stem, file)
-        assert spec is not None and spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        if file.stem in sys.modules:
-            raise ValueError(f"{source}: a module called {file.stem} is already loaded; rename the file")
-        sys.modules[file.stem] = module
-        try:
-            spec.loader.exec_module(module)
-        except BaseException as error:
-            del sys.modules[file.stem]
-            _raise_with_line(error, file)
-            raise
+        if file.stem in _CAME_ALONG and _is_from(sys.modules.get(file.stem), file):
+            module = sys.modules[file.stem]
+            _CAME_ALONG.remove(file.stem)
+        else:
+            module = _loaded(source, file)
     else:
         if not all(part.isidentifier() for part in source.split(".")):
             raise ValueError(f"{source}: no such module; give a .py file, or the name of a module")
@@ -89,16 +85,66 @@ def load_models(source: str) -> list[type[Model]]:
     return models
 
 
+_CAME_ALONG: set[str] = set()
+"""Modules beside files of models that one of these has imported: they may be given as files of models too."""
+
+
+def _loaded(source: str, file: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    if file.stem in sys.modules:
+        raise ValueError(f"{source}: a module called {file.stem} is already loaded; rename the file")
+    for name, beside in imported_beside(file).items():
+        other = sys.modules.get(name)
+        if other is not None and not _is_from(other, beside) and name not in sys.stdlib_module_names:
+            of = getattr(other, "__file__", None) or "Python"
+            raise ValueError(f"{source}: it imports {name}, but that of {of} is already loaded; rename {beside.name}")
+    before = set(sys.modules)
+    sys.modules[file.stem] = module
+    sys.path.insert(0, str(file.parent))
+    importlib.invalidate_caches()  # for files written a moment ago
+    try:
+        spec.loader.exec_module(module)
+    except BaseException as error:
+        for name in _beside(file, before):
+            del sys.modules[name]
+        _raise_with_line(error, file)
+        raise
+    finally:
+        sys.path.remove(str(file.parent))
+    _CAME_ALONG.update(_beside(file, {*before, file.stem}))
+    return module
+
+
+def _beside(file: Path, before: Set[str]) -> list[str]:
+    """Returns the modules and packages in the folder of `file` that are loaded, without those `before`."""
+    loaded = {
+        name: Path(of) for name in set(sys.modules) - before if (of := getattr(sys.modules[name], "__file__", None))
+    }
+    places = {name: file.parent / name.partition(".")[0] for name in loaded}
+    return [name for name, of in loaded.items() if places[name] in (of.with_suffix(""), *of.parents)]
+
+
+def _is_from(module: ModuleType | None, file: Path) -> bool:
+    of = getattr(module, "__file__", None)
+    return of is not None and Path(of).resolve() == file.resolve()
+
+
 def _raise_with_line(error: BaseException, file: Path) -> None:
-    """Raises what a file raised on import, with its line; returns if no line of the file is known."""
+    """Raises what a file or one beside it raised on import, with its line; returns if no line of them is known."""
+
+    def is_own(name: str | None) -> bool:
+        return name is not None and Path(name).parent == file.parent
+
     if isinstance(error, SyntaxError):
-        if error.filename == str(file) and error.lineno:
-            raise ValueError(f"{place(str(file), error.lineno)}: {error.msg}") from error
+        if error.filename and is_own(error.filename) and error.lineno:
+            raise ValueError(f"{place(error.filename, error.lineno)}: {error.msg}") from error
         return
-    lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == str(file)]
-    if not isinstance(error, Exception | SystemExit) or not lines or not lines[-1]:
+    own = [frame for frame in extract_tb(error.__traceback__) if is_own(frame.filename)]
+    if not isinstance(error, Exception | SystemExit) or not own or not own[-1].lineno:
         return
-    where = place(str(file), lines[-1])
+    where = place(own[-1].filename, own[-1].lineno)
     if isinstance(error, SystemExit):
         raise ValueError(f"{where}: it ends the program (sys.exit); a file of models only defines them") from error
     if isinstance(error, ImportError):

@@ -1,8 +1,9 @@
 """Source files of a model, and their identity.
 
 The closure of a model is its own module and every module that it imports of its package, of `cosim`, and of packages
-made for `cosim`, as `cosim_models` is. It is found by reading the sources; no code is executed. It determines the
-contents of an interpreted FMU, the FMU's GUID, and whether an FMU is up to date.
+made for `cosim`, as `cosim_models` is; those beside it, too, if it is in no package. It is found by reading the
+sources; no code is executed. It determines the contents of an interpreted FMU, the FMU's GUID, and whether an FMU is up
+to date.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from pathlib import Path
 from cosim.identity import guid_of
 from cosim.model import Model
 
-__all__ = ["Sources", "sources_of", "sources_of_module"]
+__all__ = ["Sources", "imported_beside", "sources_of", "sources_of_module"]
 
 _USES_COSIM = re.compile(rb"^(?:from|import) cosim\b", re.MULTILINE)
 
@@ -60,6 +61,7 @@ def sources_of_module(module: str) -> Sources:
     files: dict[str, Path] = {}
     packages: set[str] = set()
     waiting = {module: Path(root)}
+    alone = "." not in module and Path(root).stem == module and not _is_installed(Path(root))
     for name in ("cosim", "cosim.model"):
         if file := _find(name):
             waiting[name] = file
@@ -73,10 +75,45 @@ def sources_of_module(module: str) -> Sources:
             if top not in ours and top != imported and _is_made_for_cosim(imported):
                 ours.add(top)
                 waiting[name] = file  # read again: what it imports of this package counts
-            if top in ours and imported not in files and (found := _find(imported)):
+            if imported in files:
+                continue
+            if top in ours:
+                found = _find(imported)
+            else:
+                found = _find_beside(Path(root).parent, imported) if alone else None
+            if found is not None:
                 waiting[imported] = found
     digests = {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in sorted(files.items())}
     return Sources(files, digests, frozenset(packages))
+
+
+def _is_installed(file: Path) -> bool:
+    return file.parent.name in ("site-packages", "dist-packages")
+
+
+def _find_beside(folder: Path, name: str) -> Path | None:
+    """Returns the file of a module, or of one of a package, in `folder`; None if Python takes it from elsewhere."""
+    top = name.partition(".")[0]
+    of = getattr(sys.modules.get(top), "__file__", None)
+    if of is not None and not Path(of).resolve().is_relative_to(folder.resolve()):
+        return None
+    if of is None and (top in sys.modules or top in sys.stdlib_module_names):
+        return None
+    path = folder.joinpath(*name.split("."))
+    return next((file for file in (path / "__init__.py", path.with_name(f"{path.name}.py")) if file.is_file()), None)
+
+
+def imported_beside(file: Path) -> dict[str, Path]:
+    """Returns the modules and packages in the folder of `file` whose names it imports -> their files."""
+    try:
+        nodes = [*_statements(ast.parse(file.read_bytes()).body)]
+    except (SyntaxError, ValueError):  # told when the file is run
+        return {}
+    names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    names |= {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module and not node.level}
+    tops = sorted({name.partition(".")[0] for name in names})
+    places = {top: (file.parent / top / "__init__.py", file.parent / f"{top}.py") for top in tops}
+    return {top: found for top, files in places.items() if (found := next(filter(Path.is_file, files), None))}
 
 
 def _find(name: str) -> Path | None:

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -711,6 +712,116 @@ def test_a_file_that_fails_can_be_loaded_again_when_mended(tmp_path: Path) -> No
     file.write_text("from cosim import Model\nclass Mended(Model): 'Fine.'\n")
     assert [m.__name__ for m in load_models(str(file))] == ["Mended"]
     del sys.modules["mended_model"]
+
+
+BIDDER = """\
+import bid_tools.limits
+from bid_messages import BID, double
+from cosim import Model, Output, kernel
+
+
+@kernel
+def start(m):
+    return 0
+
+
+@kernel
+def advance(m, t, h):
+    m.y = double(BID) + bid_tools.limits.LIMIT
+    return 0
+
+
+class Bidder(Model):
+    'Bids.'
+    step_size = 1.0
+    variables = (Output("y"),)
+    kernels = (start, advance)
+"""
+BESIDE = {
+    "bidder.py": BIDDER,
+    "bid_messages.py": "from cosim import kernel\nBID = 5.0\n@kernel\ndef double(x):\n    return 2.0 * x\n",
+    "bid_tools/__init__.py": "",
+    "bid_tools/limits.py": "LIMIT = 0.5\n",
+    "bid_tools/unused.py": "",
+}
+
+
+@pytest.fixture
+def beside(tmp_path: Path) -> Iterator[Path]:
+    """A file of models with modules beside it; what a test loads of them is forgotten afterwards."""
+    before, path = set(sys.modules), list(sys.path)
+    folder = tmp_path / "beside"
+    for name, text in BESIDE.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    yield folder
+    left = str(folder) in sys.path
+    sys.path[:] = path  # pythonfmu puts the resources of FMUs on it
+    assert not left
+    for name in {name for name in set(sys.modules) - before if name.startswith(("bid", "own_"))}:
+        del sys.modules[name]
+
+
+def forget_bidder() -> None:
+    for name in [name for name in sys.modules if name.startswith("bid")]:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize("interpreted", [False, True])
+@pytest.mark.parametrize("in_package", [False, True])
+def test_modules_beside_a_file_of_models_are_found_and_are_its_sources(
+    beside: Path, interpreted: bool, in_package: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also in a folder that is a package: its kernels must not be kept by what the package imports."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # its date is to the second only
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    if in_package:
+        (beside / "__init__.py").write_text("")
+    for bid, y in (("5.0", 10.5), ("6.0", 12.5)):
+        (beside / "bid_messages.py").write_text(BESIDE["bid_messages.py"].replace("5.0", bid))
+        for fresh in (False, True):
+            forget_bidder()
+            (bidder,) = load_models(str(beside / "bidder.py"))
+            assert {n for n in sources_of(bidder).files if not n.startswith("cosim")} == {
+                *("bidder", "bid_messages", "bid_tools", "bid_tools.limits"),
+            }
+            built = build(bidder, tmp_path / "fmus", interpreted=interpreted)
+            assert (built.fresh, built.compiled) == (fresh, not interpreted)
+        forget_bidder()
+        result = fmpy.simulate_fmu(str(built.file), stop_time=1.0, step_size=1.0, output_interval=1.0)
+        assert list(result["y"]) == [0.0, y]
+
+
+def test_files_of_models_may_import_each_other(beside: Path) -> None:
+    (beside / "bid_own.py").write_text("from bidder import Bidder\nclass Own(Bidder): 'Bids.'\n")
+    assert [m.__name__ for m in load_models(str(beside / "bid_own.py"))] == ["Own"]
+    assert [m.__name__ for m in load_models(str(beside / "bidder.py"))] == ["Bidder"]
+    with pytest.raises(ValueError, match="a module called bidder is already loaded; rename the file"):
+        load_models(str(beside / "bidder.py"))
+
+
+def test_a_module_of_the_name_of_one_beside_that_is_loaded(beside: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other" / "bid_messages.py"
+    other.parent.mkdir()
+    other.write_text("from cosim import Model\nclass Other(Model): 'Other.'\n")
+    load_models(str(other))
+    for _ in range(2):
+        with pytest.raises(ValueError) as caught:
+            load_models(str(beside / "bidder.py"))
+        text = f"it imports bid_messages, but that of {other} is already loaded; rename bid_messages.py"
+        assert str(caught.value) == f"{beside / 'bidder.py'}: {text}"
+
+
+def test_a_module_beside_that_fails_is_told_with_its_line_and_can_be_mended(beside: Path) -> None:
+    for text, message in (
+        ("BID = 5.0\ndouble = lost\n", "2: NameError: name 'lost' is not defined"),
+        ("def double(\n", "1: '(' was never closed"),
+    ):
+        (beside / "bid_messages.py").write_text(text)
+        with pytest.raises(ValueError, match=rf"bid_messages\.py:{re.escape(message)}"):
+            load_models(str(beside / "bidder.py"))
+    (beside / "bid_messages.py").write_text(BESIDE["bid_messages.py"])
+    assert [m.__name__ for m in load_models(str(beside / "bidder.py"))] == ["Bidder"]
 
 
 # -- both builds through FMPy ---------------------------------------------------------------------------------------
