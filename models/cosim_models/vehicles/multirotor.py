@@ -59,8 +59,16 @@ def multirotor_variables(
 
     All multirotors have the same variables, so that one can replace another; only the values differ. Rotors are
     numbered as ArduPilot numbers them for `airframe`; their positions are given in FRD [m] from the centre of mass.
+
+    Raises:
+        ValueError: arguments of rotors have different lengths, or there are more rotors than a vehicle can have.
     """
     count = len(rotor_x)
+    for name, given in (("rotor_y", rotor_y), ("rotor_z", rotor_z), ("rotor_direction", rotor_direction)):
+        if len(given) != count:
+            raise ValueError(f"rotor_x has {count} elements, {name} {len(given)}; give one for each rotor to both")
+    if not 1 <= count <= MAX_MOTORS:
+        raise ValueError(f"rotor_x has {count} elements; a multirotor has 1 to {MAX_MOTORS} rotors")
     spare = (0.0,) * (MAX_MOTORS - count)
     return (
         *VEHICLE_INPUTS,

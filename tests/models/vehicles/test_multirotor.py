@@ -20,6 +20,7 @@ from cosim.vehicle import VEHICLE_INPUTS, VEHICLE_OUTPUTS, Airframe
 from cosim_models.autopilot.control.mixer import motor_factors
 from cosim_models.vehicles.dynamics.rotor import MotorCurve
 from cosim_models.vehicles.hexarotor import Hexarotor
+from cosim_models.vehicles.multirotor import multirotor_variables
 from cosim_models.vehicles.octorotor import Octorotor
 from cosim_models.vehicles.quadrotor import Quadrotor
 from cosim_models.vehicles.y6 import Y6
@@ -774,3 +775,28 @@ def test_the_ground_that_holds_puts_a_vehicle_upright() -> None:
     assert m.position[2] == 0.0 and (m.velocity == 0.0).all() and (m.angular_velocity == 0.0).all()
     assert m.attitude == pytest.approx(quaternion_from_euler(0.0, 0.0, 1.0), abs=1e-9)
     assert m.specific_force == pytest.approx([0.0, 0.0, -G], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rotors", "told"),
+    [
+        ({"rotor_x": (0.1, -0.1, 0.1)}, "rotor_x has 3 elements, rotor_y 4; give one for each rotor to both"),
+        ({"rotor_z": (0.0,)}, "rotor_x has 4 elements, rotor_z 1; give"),
+        ({"rotor_direction": (1.0,) * 5}, "rotor_x has 4 elements, rotor_direction 5; give"),
+        (
+            dict.fromkeys(("rotor_x", "rotor_y", "rotor_z", "rotor_direction"), (0.1,) * 9),
+            "rotor_x has 9 elements; a multirotor has 1 to 8 rotors",
+        ),
+        (
+            dict.fromkeys(("rotor_x", "rotor_y", "rotor_z", "rotor_direction"), ()),
+            "rotor_x has 0 elements; a multirotor has 1 to 8 rotors",
+        ),
+    ],
+)
+def test_rotors_whose_numbers_do_not_agree(rotors: dict[str, tuple[float, ...]], told: str) -> None:
+    four = (0.1, -0.1, 0.1, -0.1)
+    numbers = dict.fromkeys(("speed_min", "speed_max", "thrust_constant", "moment_constant", "time_constant_up"), 1.0)
+    numbers |= dict.fromkeys(("time_constant_down", "axial_speed_limit", "rotor_drag", "rolling_moment"), 1.0)
+    given: dict[str, Any] = {"rotor_x": four, "rotor_y": four, "rotor_z": four, "rotor_direction": four, **rotors}
+    with pytest.raises(ValueError, match=told):
+        multirotor_variables(airframe=Airframe.quad_x, mass=1.0, inertia=(0.1, 0.1, 0.2), **numbers, **given)
