@@ -88,6 +88,9 @@ class Variable:
             raise ValueError(f"variable {name!r}: a name must be an ASCII Python identifier other than a keyword")
         if hasattr(np.record, name):
             raise ValueError(f"variable {name}: numpy records have an attribute of this name; choose another")
+        if self.kind == "Memory" and any(not _is_count(n) for n in self.shape):
+            shape = self.shape[0] if len(self.shape) == 1 else self.shape
+            raise ValueError(f"variable {name}: shape {shape!r}; it is an int of 1 or more, or a tuple of such")
         if (len(self.shape) > 1 and self.kind != "Memory") or any(not _is_count(n) for n in self.shape):
             raise ValueError(
                 f"variable {name}: shape {self.shape}; a variable is a scalar or has a length of 1 or more"
@@ -257,12 +260,12 @@ def State(
     return _declare("state", name, type, shape, start, unit=unit, description=description)
 
 
-def Memory(name: str, *, dtype: str = "f8", shape: int | tuple[int, ...] | None = None, rare: bool = False) -> Variable:
+def Memory(name: str, *, dtype: str = "f8", shape: int | Sequence[int] | None = None, rare: bool = False) -> Variable:
     """Declares private memory: part of the saved state, not an FMI variable, initially zero.
 
     `dtype`: a numpy type code such as "u1"; `rare`: most steps do not access it.
     """
-    dimensions = () if shape is None else (shape,) if isinstance(shape, int) else shape
+    dimensions = () if shape is None else tuple(shape) if isinstance(shape, tuple | list) else (shape,)
     return Variable(name, "memory", "Memory", shape=dimensions, start=0, dtype=dtype, rare=rare)
 
 
@@ -395,10 +398,15 @@ class Model(Fmi2Slave):
         model = cls.__name__
         if not model.isascii():
             raise ValueError(f"model {model}: its name becomes a C identifier and must be ASCII")
-        fields = [v.name for v in cls.variables] + [f"{v.name}_len" for v in cls.variables if v.kind == "Packets"]
-        for name in fields:
-            if fields.count(name) > 1:
-                raise ValueError(f"model {model} declares {name} twice (packets have a field NAME_len)")
+        lengths = [
+            (f"{v.name}_len", f"the field {v.name}_len of packets") for v in cls.variables if v.kind == "Packets"
+        ]
+        declared: dict[str, str] = {}
+        for name, what in [*((v.name, v.role) for v in cls.variables), *lengths]:
+            if name in declared:
+                text = f"model {model} declares {name} twice, as {declared[name]} and as {what}"
+                raise ValueError(f"{text}; those of a kit count too, so give yours another name")
+            declared[name] = what
         inputs = [v.name for v in cls.variables if v.role in ("input", "packet input")]
         for variable in cls.variables:
             if unknown := sorted(set(variable.depends) - set(inputs)):

@@ -66,6 +66,9 @@ def declare(**attributes: Any) -> type[Model]:
         (lambda: Input("x", shape=-2), r"shape \(-2,\)"),
         (lambda: Input("x", shape=(2, 3)), r"shape \(\(2, 3\),\)"),
         (lambda: Memory("x", shape=(2, 0)), r"shape \(2, 0\)"),
+        (lambda: Memory("x", shape=4.0), r"variable x: shape 4.0; it is an int of 1 or more, or a tuple of such"),
+        (lambda: Memory("x", shape="4"), r"variable x: shape '4'; it is an int of 1 or more, or a tuple of such"),
+        (lambda: Memory("x", shape=[4, 2.0]), r"variable x: shape \(4, 2.0\); it is an int of 1 or more"),
         (lambda: Memory("x", dtype="O"), r"variable x: dtype 'O'; there are f8, f4, i8"),
         (lambda: Memory("x", dtype="?", shape=3), r"array of dtype '\?'; .* use 'u1'"),
         (lambda: Input("x", start=(1.0, 2.0)), r"variable x: 2 start values for shape \(\)"),
@@ -102,8 +105,16 @@ def test_misuse_of_a_type(of: Any) -> None:
 @pytest.mark.parametrize(
     ("attributes", "kind", "message"),
     [
-        ({"variables": (Input("x"), Output("x"))}, ValueError, "model Declared declares x twice"),
-        ({"variables": (PacketInput("rx", capacity=1), Input("rx_len"))}, ValueError, "declares rx_len twice"),
+        (
+            {"variables": (Memory("x"), Output("x"))},
+            ValueError,
+            "model Declared declares x twice, as memory and as output; those of a kit count too, so give yours another",
+        ),
+        (
+            {"variables": (PacketInput("rx", capacity=1), Input("rx_len"))},
+            ValueError,
+            "declares rx_len twice, as input and as the field rx_len of packets; those of a kit",
+        ),
         (
             {"variables": (Input("u"), Parameter("p"), Output("y", depends=("u", "p", "q")))},
             ValueError,
@@ -127,6 +138,12 @@ def test_misuse_of_a_type(of: Any) -> None:
 def test_misuse_of_a_model(attributes: dict[str, Any], kind: type[Exception], message: str) -> None:
     with pytest.raises(kind, match=message):
         declare(**attributes)
+
+
+def test_the_shape_of_a_memory_may_be_a_list() -> None:
+    model = declare(variables=(Memory("table", shape=[4, 2]),))
+    assert model.variables == (Memory("table", shape=(4, 2)),)
+    assert model.record().table.shape == (4, 2)
 
 
 def test_a_model_needs_an_ascii_name() -> None:
