@@ -26,8 +26,8 @@ from traceback import extract_tb
 from types import ModuleType
 from typing import Any, TypedDict
 
-from cosim.build.description import complete
-from cosim.build.faults import doubts_of, place
+from cosim.build.description import complete, degrees_of
+from cosim.build.faults import doubts_of, place, refusals_of, shared_of
 from cosim.build.interpreted import build_interpreted
 from cosim.build.native.compiled import HOST, TARGETS, CannotCompile, build_compiled
 from cosim.build.sources import Sources, imported_beside, sources_of
@@ -41,7 +41,8 @@ __all__ = ["HOST", "TARGETS", "Built", "CannotCompile", "build", "build_all", "l
 class Built:
     """The file written by `build`, whether it is compiled, whether it was already up to date, and doubts about it.
 
-    `doubts` are assignments of floats to ints in the kernels of a model that is compiled with checks.
+    `doubts` are what its author hardly means: of any model, angles that can only be degrees; of kernels compiled with
+    checks, what `doubts_of` finds; of a model without kernels, what its instances share.
     """
 
     file: Path
@@ -191,17 +192,19 @@ def build(
             False``, as a package does that is tested with checks and shipped without.
 
     Raises:
-        ValueError: the declaration is wrong, a target or the FMI version is unknown, or an interpreted FMI 3 FMU was
-            requested (pythonfmu supports FMI 2 only).
+        ValueError: the declaration is wrong, a target or the FMI version is unknown, an interpreted FMI 3 FMU was
+            requested (pythonfmu supports FMI 2 only), or a kernel of an interpreted FMU returns a bool for an int.
         CannotCompile: the kernels cannot be compiled, or an FMI 3 FMU was requested for a model without kernels.
         RuntimeError: the C compiler failed, pythonfmu contains no binaries, or the FMU cannot be written.
     """
     file, compile_it, sources, stamp = _wanted(model, folder, interpreted, targets, fmi, checked)
-    doubts = tuple(doubts_of(model)) if stamp["checked"] else ()
+    doubts = _doubts(model, stamp)
     if (built := _up_to_date(file, stamp)) is not None:
         return replace(built, doubts=doubts)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if not compile_it and model.kernels is not None and (refusals := refusals_of(model)):
+            raise ValueError("\n".join(f"{model.__name__}: {text}" for text in refusals))
         if compile_it:
             build_compiled(model, sources, stamp, file, stamp["targets"], fmi, checked=stamp["checked"])
         else:
@@ -241,8 +244,8 @@ def build_all(
         built = _up_to_date(file, stamp)
         if built is None:
             stale += [model] if "." in model.__module__ else []
-        elif not stamp["checked"]:  # otherwise `build` looks for doubts
-            fresh[model] = built
+        else:
+            fresh[model] = replace(built, doubts=_doubts(model, stamp))
     if len(stale) < 2:
         stale = []
     stale.sort(key=_source_size, reverse=True)  # the longest build starts first
@@ -272,6 +275,11 @@ def build_all(
             raise
         finally:
             processes.shutdown(cancel_futures=True)
+
+
+def _doubts(model: type[Model], stamp: _Stamp) -> tuple[str, ...]:
+    of_kernels = doubts_of(model) if stamp["checked"] else [] if model.kernels is not None else shared_of(model)
+    return (*degrees_of(model), *of_kernels)
 
 
 @contextmanager

@@ -66,6 +66,17 @@ def complete(model: type[Model]) -> str:
     return summary
 
 
+def degrees_of(model: type[Model]) -> list[str]:
+    """Returns each start value in rad that is more than a full turn and can only be degrees, with file and line."""
+    angles = ((one.name, one.start) for one in flat_variables(model.variables) if one.variable.unit == "rad")
+    return [
+        f"{_place_of(model)}{model.__name__}.{name} is {float(start):g} rad, more than a full turn; "
+        f"did you mean {math.radians(float(start)):.6g} (= {float(start):g} degrees)?"
+        for name, start in angles
+        if 2.0 * math.pi < abs(float(start)) <= 360.0
+    ]
+
+
 def model_description(model: type[Model], guid: str, *, compiled: bool) -> Element:
     """Returns the complete document.
 

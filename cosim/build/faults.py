@@ -2,7 +2,9 @@
 
 numba's messages refer to types and to its own passes. When numba rejects kernels, this module reads their source and
 that of the kernels that they call, and finds common mistakes: unknown names and variables, assignment to a whole array,
-lists, dicts and strings, creation of arrays, calls of functions that are not kernels.
+lists, dicts and strings, creation of arrays, random numbers, calls of functions that are not kernels.
+
+It also reads what compiles, but is hardly meant, such as variables that have a value on some paths only.
 """
 
 from __future__ import annotations
@@ -12,17 +14,20 @@ import builtins
 import inspect
 import math
 import os
+import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from itertools import takewhile
+from itertools import pairwise, takewhile
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from cosim.model import Model, record_layout
 
-__all__ = ["doubts_of", "faults_of", "place"]
+__all__ = ["doubts_of", "faults_of", "place", "refusals_of", "shared_of"]
 
 _NEW_ARRAYS = (
     *("arange", "array", "asarray", "concatenate", "copy", "diag", "empty", "empty_like", "eye", "full", "full_like"),
@@ -55,9 +60,14 @@ _BUILTINS_OF_KERNELS = (
 )
 
 
+_RANDOM = ("random.", "secrets.", "numpy.random.")
+_CLOCKS = ("time", "datetime")
+_RANDOM_NUMBERS = "normal_pair or threefry of cosim.random_numbers, which give the same in every run"
+
 _NO_FLOATS = (math.ceil, math.floor, math.trunc, math.isnan, math.isinf, math.isfinite, math.gcd, math.factorial)
 
 
+_TO_INT = "it is to return an int"
 _NO_RESULTS = {"int": ("None", "a float", "a tuple"), "float": ("None", "a tuple"), "bool": ("None", "a tuple")}
 """Type that a kernel is to return -> what it must not return instead."""
 
@@ -80,14 +90,99 @@ def faults_of(model: type[Model], returned: Callable[[Any], Iterable[str]] = lam
     return _told(one for reader in readers for one in reader.faults)
 
 
+def refusals_of(model: type[Model]) -> list[str]:
+    """Returns each return of a bool where an int is meant, with file and line: True would be taken for 1."""
+    return _told(one for reader in _readers(model) for one in reader.refusals)
+
+
 def doubts_of(model: type[Model]) -> list[str]:
     """Returns what compiles in the model's kernels, but is hardly meant, with file and line:
 
     - assignments that give a float to an int or bool variable: as in NumPy, they cut the fraction off. Only values are
       reported that are certainly floats;
-    - kernels that return a value on some paths, and end without one on others: their caller then fails in the step.
+    - kernels that return a value on some paths, and end without one on others: their caller then fails in the step;
+    - local variables that have a value on some paths only: compiled, they are 0 on the others;
+    - powers of ints with a negative exponent: compiled, they are ints.
     """
     return _told(one for reader in _readers(model) for one in reader.doubts)
+
+
+def shared_of(model: type[Model]) -> list[str]:
+    """Returns what instances and runs of a model without kernels share in one process, with file and line.
+
+    These are variables of its module that a function assigns, lists and dicts of its module and its class that one
+    changes, and random numbers that nothing has seeded.
+    """
+    module = sys.modules[model.__module__]
+    file = str(module.__file__)
+    tree = ast.parse(Path(file).read_bytes())
+    found: list[tuple[str, int, str]] = []
+    given = (target for one in ast.walk(tree) if isinstance(one, ast.Assign) for target in one.targets)
+    own = {target.attr for target in given if isinstance(target, ast.Attribute)}
+    for function in (one for one in ast.walk(tree) if isinstance(one, ast.FunctionDef)):
+        local = {*_assigned_names(function)}
+        for changed in _changed(function):
+            value, of = None, ""
+            if isinstance(changed, ast.Name) and changed.id not in local:
+                value, of = vars(module).get(changed.id), "module"
+            elif isinstance(changed, ast.Attribute) and changed.attr not in own:
+                value, of = vars(model).get(changed.attr), "class"
+            if isinstance(value, dict | list | set | np.ndarray):
+                what = f"{ast.unparse(changed)} is a {type(value).__name__} of the {of}"
+                found.append((file, changed.lineno, f"{what}, {_SHARED}; {_OWN}"))
+    seeded = False
+    random: list[tuple[str, int, str]] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Global):
+            texts = (f"{name} is a variable of the module, {_SHARED}; {_OWN}" for name in node.names)
+            found += [(file, node.lineno, text) for text in texts]
+        if isinstance(node, ast.Call) and f"{_module_of(called := _object(node.func, module))}.".startswith(_RANDOM):
+            name = ast.unparse(node.func)
+            seeded = seeded or name.endswith("seed")
+            makes = inspect.isclass(called) or name.endswith("default_rng")
+            if not (makes and (node.args or node.keywords)):
+                random.append((file, node.lineno, f"{name} differs from run to run; use {_RANDOM_NUMBERS}"))
+    return _told(found if seeded else [*found, *random])
+
+
+_CHANGES = (
+    *("add", "append", "clear", "discard", "extend", "fill", "insert", "pop", "popitem", "remove", "reverse"),
+    *("setdefault", "sort", "update"),
+)
+"""Methods that change a list, dict, set or array."""
+
+
+def _changed(function: ast.FunctionDef) -> Iterator[ast.expr]:
+    """Yields what a function changes in place: the x of x[0] = 1, x.append(1) and self.x += [1]."""
+    for node in ast.walk(function):
+        match node:
+            case ast.Subscript(value=value, ctx=ast.Store() | ast.Del()):
+                yield value
+            case ast.Call(func=ast.Attribute(value=value, attr=method)) if method in _CHANGES:
+                yield value
+            case ast.AugAssign(target=ast.Attribute() as value):
+                yield value
+
+
+def _object(node: ast.expr, module: ModuleType) -> Any:
+    """Returns what a name of a module, or of one that it imports, refers to; None if unknown."""
+    if isinstance(node, ast.Name):
+        return vars(module).get(node.id)
+    if isinstance(node, ast.Attribute) and inspect.ismodule(of := _object(node.value, module)):
+        return getattr(of, node.attr, None)
+    return None
+
+
+def _module_of(value: Any) -> str:
+    """Returns the name of the module of an object: a module, function, class, or the method of an instance."""
+    of = getattr(value, "__self__", value)
+    if inspect.ismodule(of):
+        return of.__name__
+    return str(getattr(value, "__module__", None) or type(of).__module__)
+
+
+_SHARED = "which all instances and runs of a process share"
+_OWN = "declare a State or Memory, or make it an attribute of self in initialize"
 
 
 def _told(found: Iterable[tuple[str, int, str]]) -> list[str]:
@@ -150,6 +245,7 @@ class _Reader(ast.NodeVisitor):
         self.tree, self.returns = tree, _type_name(tree.returns) or call.needs
         self.faults: list[tuple[str, int, str]] = []
         self.doubts: list[tuple[str, int, str]] = []
+        self.refusals: list[tuple[str, int, str]] = []
         self.calls: list[_Call] = []
         self._needs: dict[ast.expr, str] = {}  # expression -> type that it is said to have
         code = function.__code__
@@ -158,7 +254,10 @@ class _Reader(ast.NodeVisitor):
         self.outer = {**vars(builtins), **function.__globals__}
         for name, cell in zip(code.co_freevars, cells, strict=True):
             self.outer[name] = cell.cell_contents
+        self._values = _assigned_names(tree)
         self._body(tree)
+        for line, text in _Paths(tree, {*code.co_varnames, *code.co_cellvars}, records).found:
+            self.doubts.append((self.file, line, text))
 
     @classmethod
     def of(cls, call: _Call, record: _Record, entry: bool) -> _Reader | None:
@@ -184,6 +283,13 @@ class _Reader(ast.NodeVisitor):
         for statement in tree.body:
             self.visit(statement)
         returns = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
+        key = f"{tree.name} returns 0, or a key of errors"
+        for one in returns:
+            if one.value is not None and (self.entry or self.returns == "int") and self._is_bool(one.value):
+                given = ast.unparse(one.value)
+                text = f"{key}, not {given}" if self.entry else f"{tree.name} returns a bool, {given}; {_TO_INT}"
+                self._fault(one, text)
+                self.refusals.append(self.faults[-1])
         if any(one.value is not None for one in returns) and not _always_ends(tree.body):
             text = (
                 f"{tree.name} ends here without a value, which it returns elsewhere; end it with return and its value"
@@ -191,7 +297,6 @@ class _Reader(ast.NodeVisitor):
             self.doubts.append((self.file, tree.body[-1].lineno, text))
         if not self.entry:
             return
-        key = f"{tree.name} returns 0, or a key of errors"
         if not returns:
             self._fault(tree.body[-1], f"{key}: end it with return 0")
         for one in returns:
@@ -251,6 +356,33 @@ class _Reader(ast.NodeVisitor):
             case _:
                 return self._kind(node) == "f"
 
+    def _is_bool(self, node: ast.AST, through: tuple[str, ...] = ()) -> bool:
+        """Returns whether an expression is certainly a bool. `through`: variables whose values are looked at."""
+        match node:
+            case ast.Constant(value=value):
+                return isinstance(value, bool)
+            case ast.Compare() | ast.UnaryOp(op=ast.Not()):
+                return True
+            case ast.BoolOp(values=values):
+                return all(self._is_bool(one, through) for one in values)
+            case ast.IfExp(body=body, orelse=orelse):
+                return self._is_bool(body, through) and self._is_bool(orelse, through)
+            case ast.Call(func=function):
+                return self._value(function) is bool
+            case ast.Name(id=name):
+                given = [] if name in through else self._values.get(name, [])
+                return bool(given) and all(one is not None and self._is_bool(one, (*through, name)) for one in given)
+            case _:
+                return self._kind(node) == "b"
+
+    def _library(self, node: ast.expr) -> str:
+        """Returns the module that a called function is of, also as a method of a global object; empty if unknown."""
+        while (value := self._value(node)) is None or hasattr(value, "py_func"):
+            if not isinstance(node, ast.Attribute):
+                return ""
+            node = node.value
+        return _module_of(value)
+
     def _value(self, node: ast.AST) -> Any:
         """Returns the object that a global name or a module attribute refers to; None if unknown."""
         if isinstance(node, ast.Name) and node.id not in self.local:
@@ -285,6 +417,9 @@ class _Reader(ast.NodeVisitor):
         if isinstance(node.ctx, ast.Load) and node.id not in self.local and node.id not in self.outer:
             names = [*self.local, *(name for name in self.outer if not name.startswith("__"))]
             self._fault(node, f'no name "{node.id}"{_meant(node.id, names)}')
+        if type(of := self._value(node)) in (dict, list, set):
+            kind = type(of).__name__
+            self._fault(node, f"{node.id} is a {kind} of the module; a kernel has no {kind}s; {_REMEMBERED}")
 
     def visit_Attribute(self, node: ast.Attribute) -> None:
         of = node.value
@@ -309,6 +444,10 @@ class _Reader(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_BinOp(self, node: ast.BinOp) -> None:
+        if isinstance(node.op, ast.Pow) and self._kind(node.left) in ("i", "u") and _is_negative_int(node.right):
+            left, right = ast.unparse(node.left), ast.unparse(node.right)
+            text = f"{left} is an int, so {left} ** {right} is one, too, mostly 0; write float({left}) ** {right}"
+            self.doubts.append((self.file, node.lineno, text))
         sides = (side.value if isinstance(side, ast.Subscript) and _has_slice(side) else side for side in _sides(node))
         if any(self._shape(side) for side in sides):
             self._fault(node, f"{ast.unparse(node)} creates an array, which a kernel cannot: write a loop")
@@ -361,6 +500,8 @@ class _Reader(ast.NodeVisitor):
             self._fault(node, f"{name} is a scalar and has no elements; declare it with shape=")
         elif shape is not None and len(indices) > len(shape):
             self._fault(node, f"{name} has {len(shape)} dimension{'s' * (len(shape) > 1)}, not {len(indices)}")
+        if isinstance(node.ctx, ast.Store) and isinstance(self._value(node.value), np.ndarray):
+            self._fault(node, f"{name} is an array of the module, which is constant in a kernel; {_REMEMBERED}")
         for index in indices:
             if shape is not None and isinstance(index, ast.Constant) and not isinstance(index.value, int):
                 self._fault(node, f"index {ast.unparse(index)} of {name}: an index is an int")
@@ -369,6 +510,13 @@ class _Reader(ast.NodeVisitor):
 
     def visit_Call(self, node: ast.Call) -> None:
         called, name = self._value(node.func), ast.unparse(node.func)
+        library = self._library(node.func)
+        if f"{library}.".startswith(_RANDOM):
+            self._fault(node, f"{name}: a kernel has no random numbers of its own; use {_RANDOM_NUMBERS}")
+            return
+        if library in _CLOCKS:
+            self._fault(node, f"{name}: a kernel has no clock; the time of the run [s] is the argument t")
+            return
         if hasattr(called, "py_func"):
             self._call(node, called, name)
         elif isinstance(called, FunctionType) and called.__module__.partition(".")[0] not in ("numpy", "numba", "math"):
@@ -399,6 +547,209 @@ class _Reader(ast.NodeVisitor):
             for a in (bound.arguments.get(parameter) for parameter in parameters.parameters)
         )
         self.calls.append(_Call(called, given, self._needs.get(node, "")))
+
+
+def _assigned_names(tree: ast.AST) -> dict[str, list[ast.expr | None]]:
+    """Returns the local variables of a function -> the values that they are assigned; None: one that is not shown."""
+    found: dict[str, list[ast.expr | None]] = {}
+    shown: set[ast.Name] = set()
+    for node in ast.walk(tree):
+        targets = (
+            node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+        )
+        for target in targets:
+            if isinstance(target, ast.Name) and node.value is not None:  # type: ignore[attr-defined]
+                found.setdefault(target.id, []).append(node.value)  # type: ignore[attr-defined]
+                shown.add(target)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node not in shown:
+            found.setdefault(node.id, []).append(None)
+        elif isinstance(node, ast.arg):
+            found.setdefault(node.arg, []).append(None)
+    return found
+
+
+class _Paths:
+    """Finds local variables that some path through a function reads before it has assigned them.
+
+    Loops are taken to run once at least, and a condition that shares a variable with those under which the value is
+    assigned (`if found:`) to hold only where it is: what is found is hardly ever meant.
+    """
+
+    def __init__(self, tree: ast.FunctionDef, local: set[str], records: set[str]) -> None:
+        self._tree, self._local, self._records = tree, local, records
+        self.found: list[tuple[int, str]] = []
+        self._known: set[str] = set()
+        self._guards: list[set[str]] = []
+        self._loops: list[tuple[list[frozenset[str]], list[frozenset[str]]]] = []  # at each break, at each continue
+        self._blocks = [*_blocks(tree)]
+        self._block(tree.body, frozenset(argument.arg for argument in ast.walk(tree) if isinstance(argument, ast.arg)))
+
+    def _block(self, body: Sequence[ast.stmt], have: frozenset[str] | None) -> frozenset[str] | None:
+        """Returns the variables that are assigned at the end of statements, None if that is never reached."""
+        guards = len(self._guards)
+        for statement in body:
+            if have is None:
+                break
+            have = self._statement(statement, have)
+            leaves = isinstance(statement, ast.If) and (_leaves(statement.body) or _leaves(statement.orelse))
+            if isinstance(statement, ast.While) or leaves:
+                self._guards.append(self._named(statement.test))  # type: ignore[attr-defined]
+        del self._guards[guards:]
+        return have
+
+    def _guarded(self, test: ast.expr, body: Sequence[ast.stmt], have: frozenset[str]) -> frozenset[str] | None:
+        self._guards.append(self._named(test))
+        after = self._block(body, have)
+        self._guards.pop()
+        return after
+
+    def _statement(self, node: ast.stmt, have: frozenset[str]) -> frozenset[str] | None:
+        match node:
+            case ast.If(test=test, body=body, orelse=orelse):
+                have = self._read(test, have)
+                return _both(self._guarded(test, body, have), self._guarded(test, orelse, have))
+            case ast.For(target=target, iter=values):
+                return self._loop(node, self._read(values, have) | _stored(target))
+            case ast.While(test=test):
+                return self._loop(node, self._read(test, have))
+            case ast.Match(subject=subject, cases=cases):
+                have = self._read(subject, have)
+                after = None
+                for case in cases:
+                    within = have | {one for part in ast.walk(case.pattern) if (one := getattr(part, "name", None))}
+                    after = _both(after, self._guarded(case.guard or subject, case.body, within))
+                default = isinstance(cases[-1].pattern, ast.MatchAs) and cases[-1].pattern.pattern is None
+                return after if default and cases[-1].guard is None else _both(after, have)
+            case ast.Break() | ast.Continue():
+                if self._loops:
+                    self._loops[-1][isinstance(node, ast.Continue)].append(have)
+                return None
+            case ast.Return() | ast.Raise():
+                self._read(node, have)
+                return None
+            case ast.AugAssign(target=ast.Name() as target):
+                self._read_name(target, have)
+            case ast.FunctionDef() | ast.ClassDef() | ast.With() | ast.Try():
+                return frozenset(self._local)  # no kernel has one of these
+        return self._read(node, have) | _stored(node)
+
+    def _loop(self, node: ast.For | ast.While, have: frozenset[str]) -> frozenset[str] | None:
+        self._loops.append(([], []))
+        test = node.test if isinstance(node, ast.While) else node.iter
+        ends = self._guarded(test, node.body, have)
+        breaks, continues = self._loops.pop()
+        for one in continues:
+            ends = _both(ends, one)
+        endless = isinstance(test, ast.Constant) and bool(test.value)
+        ends = None if endless else have if ends is None and not breaks else ends
+        after = self._block(node.orelse, ends)
+        for one in breaks:
+            after = _both(after, one)
+        return after
+
+    def _read(self, node: ast.AST, have: frozenset[str]) -> frozenset[str]:
+        """Notes what an expression or simple statement reads; returns `have` and what it assigns within."""
+        match node:
+            case ast.Name(ctx=ast.Load()):
+                self._read_name(node, have)
+            case ast.IfExp(test=test, body=body, orelse=orelse):
+                have = self._read(test, have)
+                self._guards.append(self._named(test))
+                have = self._read(body, have) & self._read(orelse, have)
+                self._guards.pop()
+            case ast.BoolOp(values=values):
+                always = self._read(values[0], have)
+                within, guards = always, len(self._guards)
+                for before, value in pairwise(values):
+                    self._guards.append(self._named(before))
+                    within = self._read(value, within)
+                del self._guards[guards:]
+                have = always
+            case ast.NamedExpr(target=target, value=value):
+                have = self._read(value, have) | {target.id}
+            case ast.Lambda() | ast.ListComp() | ast.SetComp() | ast.DictComp() | ast.GeneratorExp():
+                pass  # no kernel has one of these
+            case _:
+                for child in ast.iter_child_nodes(node):
+                    have = self._read(child, have)
+        return have
+
+    def _read_name(self, node: ast.Name, have: frozenset[str]) -> None:
+        name = node.id
+        if name in have or name not in self._local or name in self._known:
+            return
+        of_this = [(above, body) for above, body in self._blocks if any(name in _stored(one) for one in body)]
+        together = {one for above, _ in of_this for part in above for one in self._named(part)}
+        together |= {one for _, body in of_this for part in body for one in self._given(part)} - {name}
+        if any(together & guard for guard in self._guards):
+            return
+        self._known.add(name)
+        place = self._before(self._tree.body, node) or "it is read"
+        self.found.append((node.lineno, f"{name} may have no value here: assign it before {place}"))
+
+    def _before(self, body: Sequence[ast.stmt], use: ast.Name) -> str:
+        """Returns the outermost statement that assigns a variable and does not contain its use, in words."""
+        for one in body:
+            if not isinstance(one, _COMPOUND) or use.id not in _stored(one) or one.lineno >= use.lineno:
+                continue
+            if use not in ast.walk(one):
+                return f"the {type(one).__name__.lower()} in line {one.lineno}"
+            branches = [one, *one.cases] if isinstance(one, ast.Match) else [one]
+            within = (inner for of in branches for part in ("body", "orelse") for inner in getattr(of, part, ()))
+            if text := self._before([*within], use):
+                return text
+        return ""
+
+    def _given(self, node: ast.AST) -> set[str]:
+        """Returns the local variables and the fields of records that are assigned within a node."""
+        targets = (
+            target for one in ast.walk(node) for target in getattr(one, "targets", [getattr(one, "target", None)])
+        )
+        return {name for target in targets if target is not None for name in self._named(target)}
+
+    def _named(self, node: ast.AST) -> set[str]:
+        """Returns the local variables and the fields of records that are named within a node."""
+        found = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)} & (self._local - self._records)
+        fields = (one for one in ast.walk(node) if isinstance(one, ast.Attribute) and isinstance(one.value, ast.Name))
+        return found | {f"m.{one.attr}" for one in fields if one.value.id in self._records}  # type: ignore[attr-defined]
+
+
+_COMPOUND = (ast.If, ast.For, ast.While, ast.Match)
+
+
+def _blocks(node: ast.AST) -> Iterator[tuple[list[ast.expr], list[ast.stmt]]]:
+    """Yields the statements of each branch and loop, with the expressions that they depend on."""
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.If | ast.For | ast.While | ast.match_case):
+            # What a while depends on says something of its end only if the loop assigns it.
+            parts = ("target", "guard") if isinstance(inner, ast.While) else ("test", "target", "guard")
+            above = [one for one in (getattr(inner, what, None) for what in parts) if one]
+            for part in ("body", "orelse"):
+                if body := getattr(inner, part, None):
+                    yield above, body
+
+
+def _both(one: frozenset[str] | None, other: frozenset[str] | None) -> frozenset[str] | None:
+    return other if one is None else one if other is None else one & other
+
+
+def _stored(node: ast.AST) -> set[str]:
+    """Returns the variables that are assigned within a node."""
+    return {one.id for one in ast.walk(node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
+
+
+def _leaves(body: Sequence[ast.stmt]) -> bool:
+    """Returns whether statements never reach the one after them."""
+    return bool(body) and (isinstance(body[-1], ast.Break | ast.Continue) or _always_ends(body))
+
+
+def _is_negative_int(node: ast.AST) -> bool:
+    match node:
+        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=value)):
+            return type(value) is int and value > 0
+        case _:
+            return False
 
 
 def _always_ends(body: Sequence[ast.stmt]) -> bool:

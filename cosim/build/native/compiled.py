@@ -27,7 +27,7 @@ import numpy as np
 
 from cosim.build.description import as_text, model_description
 from cosim.build.description3 import TIME, exported, model_description3, terminals
-from cosim.build.faults import faults_of, place
+from cosim.build.faults import faults_of, place, refusals_of
 from cosim.build.native.objects import object_code
 from cosim.build.sources import Sources
 from cosim.kernel import compiler
@@ -181,6 +181,8 @@ def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> str:
             raise _cannot_compile(model, error, kernel) from error
         names[lowered.name] = f"model_{what}"
         libraries.append(lowered.library)
+    if refusals := refusals_of(model):
+        raise CannotCompile("\n".join(f"{model.__name__}: {text}" for text in refusals))
     module = link(libraries)
     for name, known_as in names.items():
         module.get_function(name).name = known_as

@@ -3,6 +3,7 @@ own."""
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,11 +16,17 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback
 
-from cosim.build import CannotCompile, build, load_models
+from cosim.build import CannotCompile, build, build_all, load_models, models_of_package
+from cosim.build.description import degrees_of
+from cosim.build.faults import doubts_of, refusals_of, shared_of
 
 MODEL = """\
 import math
+import random
+import time
+from datetime import datetime
 from enum import IntEnum
+from random import gauss
 
 import numpy as np
 
@@ -27,6 +34,9 @@ from cosim import Input, Memory, Model, Output, PacketOutput, Parameter, kernel
 from cosim.fields import get_whole, set_real
 
 SIZES = {{"small": 1}}
+SEEN = np.zeros(3)
+VISITED = []
+NOISE = np.random.default_rng(1)
 
 
 def plain(x):
@@ -108,6 +118,8 @@ def line_of(file: Path, text: str) -> int:
 
 
 REMEMBERS = "what a kernel remembers are variables of its record (State, Memory)"
+NO_RANDOM = "a kernel has no random numbers of its own; use normal_pair or threefry of cosim.random_numbers"
+NO_CLOCK = "a kernel has no clock; the time of the run [s] is the argument t"
 AT_BUILD = {
     "a variable that is not declared": (
         "m.z = t",
@@ -203,6 +215,27 @@ AT_BUILD = {
         "global",
         f"a kernel has no global variables; {REMEMBERS}",
     ),
+    "a random number": ("m.y = random.random()", "m.y", f"random.random: {NO_RANDOM}"),
+    "a random number of numpy": ("m.y = np.random.normal(0.0, 1.0)", "m.y", f"np.random.normal: {NO_RANDOM}"),
+    "an imported random number": ("m.y = gauss(0.0, 1.0)", "m.y", f"gauss: {NO_RANDOM}"),
+    "a generator of the module": ("m.y = NOISE.normal()", "m.y", f"NOISE.normal: {NO_RANDOM}"),
+    "the clock": ("m.y = time.time()", "m.y", f"time.time: {NO_CLOCK}"),
+    "the date": ("m.y = datetime.now().second", "m.y", f"datetime.now: {NO_CLOCK}"),
+    "an array of the module": (
+        "SEEN[0] += 1.0",
+        "SEEN[0]",
+        f"SEEN is an array of the module, which is constant in a kernel; {REMEMBERS}",
+    ),
+    "a dict of the module": (
+        "m.y = SIZES[1]",
+        "m.y",
+        f"SIZES is a dict of the module; a kernel has no dicts; {REMEMBERS}",
+    ),
+    "a list of the module": (
+        "VISITED.append(t)",
+        "VISITED",
+        f"VISITED is a list of the module; a kernel has no lists; {REMEMBERS}",
+    ),
     "types that do not agree": (
         "x = 1.0\nif t > 1.0:\n    x = (1.0, 2.0)\nm.y = x",
         "m.y = x",
@@ -269,6 +302,10 @@ TO_RETURN = "it is to return an int"
         ("if t > 1.0:\n    return 2\nreturn 1.5", "return 1.5", f"law returns a float; {TO_RETURN}"),
         ("x = t\nreturn x", "return x", f"law returns a float; {TO_RETURN}"),
         ("return 1, 2", "return 1, 2", f"law returns a tuple; {TO_RETURN}"),
+        ("return True", "return True", f"law returns a bool, True; {TO_RETURN}"),
+        ("if t > 1.0:\n    return False\nreturn 2", "return False", f"law returns a bool, False; {TO_RETURN}"),
+        ("return t > 1.0 and not m.n > 2", "return", f"law returns a bool, t > 1.0 and (not m.n > 2); {TO_RETURN}"),
+        ("done = False\nif t > 1.0:\n    done = True\nreturn done", "return", f"law returns a bool, done; {TO_RETURN}"),
     ],
 )
 def test_a_kernel_that_returns_another_type_is_blamed_instead_of_its_caller(
@@ -284,6 +321,26 @@ def test_a_kernel_that_returns_another_type_is_blamed_instead_of_its_caller(
         first = lines.index(head)
         line = next(i for i, text in enumerate(lines[first:], first + 1) if text.strip().startswith(at))
         assert str(failed.value) == f"Gauge: {tmp_path / 'gauge.py'}:{line}: {message}"
+
+
+@pytest.mark.parametrize(
+    "body", ["return True and 2", "done = 1\nif t > 1.0:\n    done = 2\nreturn done", "return int(t > 1.0)"]
+)
+def test_a_kernel_that_may_return_an_int_is_not_blamed(body: str, loaded: Any, tmp_path: Path) -> None:
+    helper = CALLED.format(body=indent(body, "    "), annotation=": int")
+    assert build(loaded(tmp_path, "if decide(m, t) & 2 != 0:\n    return 7\nreturn 0", helper), tmp_path).compiled
+
+
+def test_a_bool_in_place_of_an_int_is_refused_in_an_interpreted_fmu(loaded: Any, tmp_path: Path) -> None:
+    helper = CALLED.format(body="    return True", annotation=": int")
+    model = loaded(tmp_path, "if decide(m, t) & 2 != 0:\n    return 7\nreturn m.u > 1.0", helper)
+    with pytest.raises(ValueError) as failed:
+        build(model, tmp_path, interpreted=True)
+    told = [line.split(": ", 2)[2] for line in str(failed.value).splitlines()]
+    assert told == [
+        f"law returns a bool, True; {TO_RETURN}",
+        "advance returns 0, or a key of errors, not m.u > 1.0",
+    ]
 
 
 def test_a_call_that_only_a_python_process_can_make_is_told_where_it_is(loaded: Any, tmp_path: Path) -> None:
@@ -601,6 +658,101 @@ def test_a_kernel_that_returns_on_some_paths_only_is_doubted(body: str, at: str,
     assert built.doubts == tuple(f"{tmp_path / 'gauge.py'}:{line}: {text}" for line in where[:1])
 
 
+MAYBE = "may have no value here: assign it before"
+
+
+@pytest.mark.parametrize(
+    ("body", "at", "text"),
+    [
+        ("if t > 5.0:\n    z = 1.0\nm.y = z", "m.y", f"z {MAYBE} the if in line -2"),
+        ("if t > 5.0:\n    z = 1.0\nelif h > 1.0:\n    z = 2.0\nm.y = z", "m.y", f"z {MAYBE} the if in line -4"),
+        ("for k in range(3):\n    if m.v[k] > t:\n        z = k\nm.y = z", "m.y", f"z {MAYBE} the for in line -3"),
+        (
+            "for k in range(3):\n    if m.v[k] > t:\n        z = k\n    m.y = z",
+            "m.y",
+            f"z {MAYBE} the if in line -2",
+        ),
+        (
+            "while t < m.u:\n    h *= 2.0\n    if h > 8.0:\n        z = h\nm.y = z",
+            "m.y",
+            f"z {MAYBE} the while in",
+        ),
+        ("if t > 5.0:\n    z = 1.0\nif h > 0.0:\n    m.y = z", "m.y", f"z {MAYBE} the if in line -3"),
+        ("if t > 5.0:\n    z = 1.0\nz += 1.0\nm.y = z", "z +=", f"z {MAYBE} the if in line -2"),
+        ("if t > 5.0:\n    z = 1.0\nm.v[int(z)] = 2.0", "m.v", f"z {MAYBE} the if in line -2"),
+        (
+            "match m.case:\n    case 1:\n        z = 1.0\n    case 2:\n        z = 2.0\nm.y = z",
+            "m.y",
+            f"z {MAYBE} the match",
+        ),
+        ("for k in range(3):\n    if m.u > t:\n        m.y = z\n    z = 1.0", "m.y", f"z {MAYBE} it is read"),
+        # it has a value, or the same condition says whether it has
+        ("if t > 5.0:\n    z = 1.0\nelse:\n    z = 2.0\nm.y = z", "", ""),
+        ("if t > 5.0:\n    return 7\nelse:\n    z = 2.0\nm.y = z", "", ""),
+        ("for k in range(m.n):\n    z = k\nm.y = z + k", "", ""),
+        ("while True:\n    z = m.u\n    if z < t:\n        break\n    t += 1.0\nm.y = z", "", ""),
+        ("for k in range(3):\n    if m.v[k] > t:\n        z = k\n        break\nelse:\n    return 7\nm.y = z", "", ""),
+        (
+            "found = False\nfor k in range(3):\n    if m.v[k] > t:\n        found, z = True, k\nif found:\n    m.y = z",
+            "",
+            "",
+        ),
+        (
+            "best = -1\nfor k in range(3):\n    if t > k:\n        best, z = k, t\nif best < 0:\n    return 0\nm.y = z",
+            "",
+            "",
+        ),
+        ("if m.n > 2:\n    z = 1.0\nm.y = z if m.n > 2 else 0.0", "", ""),
+        ("m.n = 0\nfor k in range(3):\n    if t > k:\n        m.n = 1\n        z = k\nm.y = z if m.n else 0.0", "", ""),
+        ("while m.n == 0:\n    if t > h:\n        m.n = 1\n        z = t\nm.y = z", "", ""),
+        ("if m.n > 2:\n    z = 1.0\nif m.n > 2 and z > 0.5:\n    m.y = 1.0", "", ""),
+        ("for k in range(3):\n    if k > 0:\n        m.y = z\n    z = k", "", ""),
+        ("match m.case:\n    case 1:\n        z = 1.0\n    case _:\n        z = 2.0\nm.y = z", "", ""),
+        ("if (z := m.u) > t:\n    m.y = z\nm.y = z", "", ""),
+    ],
+)
+def test_a_variable_that_some_path_reads_without_a_value_is_doubted(
+    body: str, at: str, text: str, loaded: Any, tmp_path: Path
+) -> None:
+    """Compiled it is 0 there, where Python raises UnboundLocalError."""
+    model = loaded(tmp_path, f"{body}\nreturn 0")
+    if not text:
+        assert doubts_of(model) == []
+        return
+    line = line_of(tmp_path / "gauge.py", at)
+    text = re.sub(r"-(\d)$", lambda back: str(line - int(back[1])), text)
+    (doubt,) = doubts_of(model)
+    assert doubt.startswith(f"{tmp_path / 'gauge.py'}:{line}: {text}")
+
+
+def test_a_variable_without_a_value_is_noted_by_the_build(loaded: Any, tmp_path: Path) -> None:
+    built = build(loaded(tmp_path, "if t > 5.0:\n    z = 1.0\nm.y = z\nreturn 0"), tmp_path / "fmus")
+    assert built.compiled
+    assert [doubt.split(": ", 1)[1][:28] for doubt in built.doubts] == ["z may have no value here: as"]
+
+
+@pytest.mark.parametrize(
+    ("body", "text"),
+    [
+        ("m.y = m.n ** -1", "m.n is an int, so m.n ** -1 is one, too, mostly 0; write float(m.n) ** -1"),
+        ("m.y = m.n ** 2", ""),
+        ("m.y = m.u ** -1", ""),
+        ("m.y = 2 ** -1", ""),
+        ("m.y = float(m.n) ** -1", ""),
+    ],
+)
+def test_a_negative_power_of_an_int_is_doubted(body: str, text: str, loaded: Any, tmp_path: Path) -> None:
+    model = loaded(tmp_path, f"{body}\nreturn 0")
+    told = [f"{tmp_path / 'gauge.py'}:{line_of(tmp_path / 'gauge.py', 'm.y')}: {text}"] if text else []
+    assert doubts_of(model) == told
+
+
+def test_shipped_models_are_not_doubted() -> None:
+    for model in models_of_package("cosim_models"):
+        doubts = shared_of(model) if model.kernels is None else [*doubts_of(model), *refusals_of(model)]
+        assert [*degrees_of(model), *doubts] == []
+
+
 def test_a_description_says_what_it_lacks_and_where(tmp_path: Path) -> None:
     (tmp_path / "bare_model.py").write_text(
         "from cosim import Model, Output\n\n\nclass Bare(Model):\n    variables = (Output('y'),)\n"
@@ -680,6 +832,90 @@ def test_what_is_declared_as_something_else(
         sys.modules.pop("odd_gauge", None)
     assert str(caught.value).startswith(f"odd_gauge.py:{told}")
     assert not (tmp_path / "Gauge.fmu").exists()
+
+
+def test_an_angle_that_can_only_be_degrees_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    angles = 'Parameter("heading", unit="rad", start=45.0), Input("turns", unit="rad", shape=2, start=(6.28, -90.0)), '
+    others = 'Parameter("bearing", unit="deg", start=90.0), Parameter("rate", unit="rad/s", start=90.0), '
+    text = DECLARED.replace("import Model, Output", "import Input, Model, Output, Parameter")
+    (tmp_path / "angles_gauge.py").write_text(text.replace("variables = (", f"variables = ({angles}{others}"))
+    (model,) = load_models("angles_gauge.py")
+    told = (
+        "angles_gauge.py:4: Gauge.heading is 45 rad, more than a full turn; did you mean 0.785398 (= 45 degrees)?",
+        "angles_gauge.py:4: Gauge.turns[2] is -90 rad, more than a full turn; did you mean -1.5708 (= -90 degrees)?",
+    )
+    for fresh in (False, True):
+        (built,) = build_all([model], tmp_path)
+        assert (built.fresh, built.doubts) == (fresh, told)
+
+
+SHARING = """\
+import random
+from random import uniform
+
+import numpy as np
+from cosim import Model, Output
+
+count = 0
+seen = []
+LIMITS = [1.0, 2.0]
+rng = np.random.default_rng(1)
+
+
+class Gauge(Model):
+    \"\"\"A gauge.\"\"\"
+
+    step_size = 0.1
+    variables = (Output("y"),)
+    errors = {1: "it is full"}
+    CORNERS = [(0.0, 0.0)]
+    heard = {}
+    table = []
+
+    def initialize(self):
+        self.table = []
+
+    def do_step(self, t, h):
+        {body}
+        return True
+"""
+SHARED, OWN = (
+    "which all instances and runs of a process share",
+    "declare a State or Memory, or make it an attribute of self in initialize",
+)
+SEEDED = (
+    "differs from run to run; use normal_pair or threefry of cosim.random_numbers, which give the same in every run"
+)
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ("global count", f"count is a variable of the module, {SHARED}; {OWN}"),
+        ("seen.append(t)", f"seen is a list of the module, {SHARED}; {OWN}"),
+        ("self.heard[t] = h", f"self.heard is a dict of the class, {SHARED}; {OWN}"),
+        ("self.m.y = random.random()", f"random.random {SEEDED}"),
+        ("self.m.y = uniform(0.0, 1.0)", f"uniform {SEEDED}"),
+        ("self.m.y = np.random.rand()", f"np.random.rand {SEEDED}"),
+        ("self.rng = random.Random()", f"random.Random {SEEDED}"),
+        ("self.rng = random.Random(5)", ""),
+        ("self.m.y = np.random.default_rng(3).normal() + rng.normal()", ""),
+        ("random.seed(2); self.m.y = random.random()", ""),
+        ("self.table.append(self.CORNERS[0][0] + LIMITS[1])", ""),
+        ("seen = []; seen.append(t)", ""),
+    ],
+)
+def test_what_instances_of_a_plain_class_share_is_noted(body: str, told: str, tmp_path: Path) -> None:
+    file = tmp_path / "sharing_gauge.py"
+    file.write_text(SHARING.replace("{body}", body))
+    (model,) = load_models(str(file))
+    try:
+        doubts = build(model, tmp_path).doubts
+    finally:
+        del sys.modules["sharing_gauge"]
+    line = next(i for i, text in enumerate(file.read_text().splitlines(), 1) if text.strip() == body)
+    assert doubts == ((f"{file}:{line}: {told}",) if told else ())
 
 
 def test_what_is_declared_as_it_must_be(tmp_path: Path) -> None:

@@ -525,6 +525,7 @@ class Lawless(Model):
         ("m.step = 1", "law returns nothing; it is to return an int: end it with return and its value"),
         ("return 1.5", "law returns a float; it is to return an int"),
         ("print(t)\n    return 2", "a kernel has no print()"),
+        ("return True", "law returns a bool, True; it is to return an int"),
     ],
 )
 def test_a_wrong_law_is_blamed_instead_of_the_kit(body: str, message: str, tmp_path: Path) -> None:
@@ -535,3 +536,27 @@ def test_a_wrong_law_is_blamed_instead_of_the_kit(body: str, message: str, tmp_p
         build(model, tmp_path / "fmus")
     del sys.modules["lawless"]
     assert str(failed.value) == f"Lawless: {file}:7: {message}"
+
+
+KITS = {
+    "agents.kit": ("agent_variables(neighbours=2)", "agent_kernels"),
+    "drones.kit": ("drone_variables(neighbours=2)", "drone_kernels"),
+    "agents.line": ("LineAgent.variables", "line_kernels"),
+}
+
+
+@pytest.mark.parametrize("kit", KITS)
+def test_a_law_that_returns_a_bool_is_refused_in_every_kit(kit: str, tmp_path: Path) -> None:
+    variables, kernels = KITS[kit]
+    text = MODULE.replace("{body}", "return t > 1.0").replace("agent_variables(neighbours=2)", variables)
+    imported = f"from cosim_models.{kit} import *; from cosim_models.agents.line_agent import LineAgent; "
+    text = text.replace("agent_kernels(law)", f"{kernels}(law)").replace(
+        "from cosim_models", f"{imported}from cosim_models"
+    )
+    file = tmp_path / "lawless.py"
+    file.write_text(text)
+    (model,) = load_models(str(file))
+    with pytest.raises(ValueError) as failed:
+        build(model, tmp_path, interpreted=True)
+    del sys.modules["lawless"]
+    assert str(failed.value) == f"Lawless: {file}:7: law returns a bool, t > 1.0; it is to return an int"
