@@ -98,9 +98,10 @@ def _loaded(source: str, file: Path) -> ModuleType:
         raise ValueError(f"{source}: a module called {file.stem} is already loaded; rename the file")
     for name, beside in imported_beside(file).items():
         other = sys.modules.get(name)
-        if other is not None and not _is_from(other, beside) and name not in sys.stdlib_module_names:
+        ours = name.partition("_")[0] == "cosim"  # a checkout beside the installed one
+        if other is not None and not _is_from(other, beside) and name not in sys.stdlib_module_names and not ours:
             of = getattr(other, "__file__", None) or "Python"
-            raise ValueError(f"{source}: it imports {name}, but that of {of} is already loaded; rename {beside.name}")
+            raise ValueError(f"{source}: it imports {name}, but that of {of} is already loaded; rename that beside it")
     before = set(sys.modules)
     sys.modules[file.stem] = module
     sys.path.insert(0, str(file.parent))

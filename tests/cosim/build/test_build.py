@@ -808,8 +808,15 @@ def test_a_module_of_the_name_of_one_beside_that_is_loaded(beside: Path, tmp_pat
     for _ in range(2):
         with pytest.raises(ValueError) as caught:
             load_models(str(beside / "bidder.py"))
-        text = f"it imports bid_messages, but that of {other} is already loaded; rename bid_messages.py"
+        text = f"it imports bid_messages, but that of {other} is already loaded; rename that beside it"
         assert str(caught.value) == f"{beside / 'bidder.py'}: {text}"
+
+
+def test_a_checkout_beside_a_file_of_models_is_not_what_it_imports(beside: Path) -> None:
+    (beside / "cosim").mkdir()
+    (beside / "cosim" / "__init__.py").write_text("")
+    (bidder,) = load_models(str(beside / "bidder.py"))
+    assert sources_of(bidder).files["cosim"] == ROOT / "cosim" / "__init__.py"
 
 
 def test_a_module_beside_that_fails_is_told_with_its_line_and_can_be_mended(beside: Path) -> None:
