@@ -242,7 +242,8 @@ class _Reader(ast.NodeVisitor):
         function = getattr(call.kernel, "py_func", call.kernel)
         self.file = function.__code__.co_filename
         self.records, self.record, self.entry = records, record, entry
-        self.tree, self.returns = tree, _type_name(tree.returns) or call.needs
+        self.tree, self.needed = tree, call.needs
+        self.returns = _type_name(tree.returns) or call.needs
         self.faults: list[tuple[str, int, str]] = []
         self.doubts: list[tuple[str, int, str]] = []
         self.refusals: list[tuple[str, int, str]] = []
@@ -285,7 +286,8 @@ class _Reader(ast.NodeVisitor):
         returns = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
         key = f"{tree.name} returns 0, or a key of errors"
         for one in returns:
-            if one.value is not None and (self.entry or self.returns == "int") and self._is_bool(one.value):
+            # One that says itself that it returns an int may mean 0 or 1; its caller does not.
+            if one.value is not None and (self.entry or self.needed == "int") and self._is_bool(one.value):
                 given = ast.unparse(one.value)
                 text = f"{key}, not {given}" if self.entry else f"{tree.name} returns a bool, {given}; {_TO_INT}"
                 self._fault(one, text)

@@ -302,10 +302,6 @@ TO_RETURN = "it is to return an int"
         ("if t > 1.0:\n    return 2\nreturn 1.5", "return 1.5", f"law returns a float; {TO_RETURN}"),
         ("x = t\nreturn x", "return x", f"law returns a float; {TO_RETURN}"),
         ("return 1, 2", "return 1, 2", f"law returns a tuple; {TO_RETURN}"),
-        ("return True", "return True", f"law returns a bool, True; {TO_RETURN}"),
-        ("if t > 1.0:\n    return False\nreturn 2", "return False", f"law returns a bool, False; {TO_RETURN}"),
-        ("return t > 1.0 and not m.n > 2", "return", f"law returns a bool, t > 1.0 and (not m.n > 2); {TO_RETURN}"),
-        ("done = False\nif t > 1.0:\n    done = True\nreturn done", "return", f"law returns a bool, done; {TO_RETURN}"),
     ],
 )
 def test_a_kernel_that_returns_another_type_is_blamed_instead_of_its_caller(
@@ -321,6 +317,34 @@ def test_a_kernel_that_returns_another_type_is_blamed_instead_of_its_caller(
         first = lines.index(head)
         line = next(i for i, text in enumerate(lines[first:], first + 1) if text.strip().startswith(at))
         assert str(failed.value) == f"Gauge: {tmp_path / 'gauge.py'}:{line}: {message}"
+
+
+@pytest.mark.parametrize(
+    ("body", "at", "message"),
+    [
+        ("return True", "return True", f"law returns a bool, True; {TO_RETURN}"),
+        ("if t > 1.0:\n    return False\nreturn 2", "return False", f"law returns a bool, False; {TO_RETURN}"),
+        ("return t > 1.0 and not m.n > 2", "return", f"law returns a bool, t > 1.0 and (not m.n > 2); {TO_RETURN}"),
+        ("done = False\nif t > 1.0:\n    done = True\nreturn done", "return", f"law returns a bool, done; {TO_RETURN}"),
+    ],
+)
+@pytest.mark.parametrize("head", ["def law(m, t):", "def law(m, t) -> int:"])
+def test_a_bool_where_the_caller_needs_an_int_is_refused(
+    body: str, at: str, message: str, head: str, loaded: Any, tmp_path: Path
+) -> None:
+    helper = CALLED.format(body=indent(body, "    "), annotation=": int").replace("def law(m, t):", head)
+    model = loaded(tmp_path, "if decide(m, t) & 2 != 0:\n    return 7\nreturn 0", helper)
+    with pytest.raises(CannotCompile) as failed:
+        build(model, tmp_path / "fmus")
+    lines = (tmp_path / "gauge.py").read_text().splitlines()
+    first = lines.index(head)
+    line = next(i for i, text in enumerate(lines[first:], first + 1) if text.strip().startswith(at))
+    assert str(failed.value) == f"Gauge: {tmp_path / 'gauge.py'}:{line}: {message}"
+
+
+def test_a_kernel_of_its_own_may_return_a_bool_as_an_int(loaded: Any, tmp_path: Path) -> None:
+    helper = "@kernel\ndef above(m) -> int:\n    return m.u > 1.0\n"
+    assert build(loaded(tmp_path, "m.n += above(m)\nreturn 0", helper), tmp_path).compiled
 
 
 @pytest.mark.parametrize(
