@@ -18,6 +18,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from functools import lru_cache
 from itertools import pairwise, takewhile
 from pathlib import Path
 from types import FunctionType, ModuleType
@@ -92,7 +93,7 @@ def faults_of(model: type[Model], returned: Callable[[Any], Iterable[str]] = lam
 
 def refusals_of(model: type[Model]) -> list[str]:
     """Returns each return of a bool where an int is meant, with file and line: True would be taken for 1."""
-    return _told(one for reader in _readers(model) for one in reader.refusals)
+    return _told(one for reader in _read(model) for one in reader.refusals)  # type: ignore[arg-type]
 
 
 def doubts_of(model: type[Model]) -> list[str]:
@@ -104,7 +105,7 @@ def doubts_of(model: type[Model]) -> list[str]:
     - local variables that have a value on some paths only: compiled, they are 0 on the others;
     - powers of ints with a negative exponent: compiled, they are ints.
     """
-    return _told(one for reader in _readers(model) for one in reader.doubts)
+    return _told(one for reader in _read(model) for one in reader.doubts)  # type: ignore[arg-type]
 
 
 def shared_of(model: type[Model]) -> list[str]:
@@ -189,6 +190,11 @@ def _told(found: Iterable[tuple[str, int, str]]) -> list[str]:
     return [
         f"{place(file, line)}: {text}" for file, line, text in sorted(dict.fromkeys(found), key=lambda one: one[:2])
     ]
+
+
+@lru_cache(maxsize=1)
+def _read(model: type[Model]) -> tuple[_Reader, ...]:
+    return tuple(_readers(model))
 
 
 def _readers(model: type[Model]) -> Iterator[_Reader]:
