@@ -50,6 +50,54 @@ def test_an_fmu_alone_runs_as_fmpy_runs_it(dynamics: Any, fmi: int) -> None:
     assert manifest["system"]["path"] == str(file)
 
 
+CLOCK = """from cosim import Model, Output, kernel
+
+
+@kernel
+def start(m):
+    return 0
+
+
+@kernel
+def advance(m, t, h):
+    m.t = t + h
+    return 0
+
+
+class Clock(Model):
+    '''The time.'''
+
+    step_size = 0.5
+    variables = (Output("t", unit="s", start=0.0),)
+    kernels = (start, advance)
+"""
+
+
+def test_an_fmu_whose_model_has_changed_since_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the file lies beside the FMU, above it, or in the working directory; another file of the name is none."""
+    (tmp_path / "clock.py").write_text(CLOCK)
+    (model,) = load_models(str(tmp_path / "clock.py"))
+    fmu = build(model, tmp_path / "fmus").file
+    elsewhere = tmp_path / "elsewhere" / "deep" / "er"
+    elsewhere.mkdir(parents=True)
+
+    def notes(file: Path) -> list[str]:
+        return [one for one in simulate(file, RunOptions(until=0.5)).notes if "was built from" in one]
+
+    assert notes(fmu) == []
+    (tmp_path / "clock.py").write_text(CLOCK.replace("t + h", "t - h"))
+    moved = fmu.rename(elsewhere / "Clock.fmu")
+    assert notes(moved) == []
+    monkeypatch.chdir(tmp_path)
+    found = "elsewhere/deep/er/Clock.fmu was built from another clock.py than is there now; "
+    assert notes(moved) == [f"{found}uav-cosim build clock.py builds it anew"]
+    (elsewhere.parent / "clock.py").write_text(CLOCK)  # the one that it was built from
+    assert notes(moved) == []
+    (elsewhere.parent / "clock.py").unlink()
+    (tmp_path / "clock.py").write_text("class Other:\n    pass\n")
+    assert notes(moved) == []
+
+
 def test_signals_are_recorded_by_the_names_of_variables(dynamics: Any) -> None:
     """As they are set, with the name of the component or without."""
     file = dynamics.fmu("VANDERPOL", 2, "CS", stop=0.5, step=0.25)

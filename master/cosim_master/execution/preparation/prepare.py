@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 from cosim_master.diagnostics.errors import (
@@ -15,6 +16,7 @@ from cosim_master.diagnostics.errors import (
 )
 from cosim_master.diagnostics.limitations import RECORDING_INTERVAL
 from cosim_master.execution.preparation.stimuli import Stimuli
+from cosim_master.fmi.slaves.isolated import changed_source
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.single_fmu import output_interval
 from cosim_master.system.settings.changes import Change, changes
@@ -110,7 +112,8 @@ def prepare(
         gathered(lambda: master.check(checked, clock.base, clock.periods, clock.per_ns))
     if problems:
         raise SystemDescriptionError(problems)
-    if late := [*_unused_times(network, clock.time(0), clock.time(clock.steps))]:
+    late = [*_unused_times(network, clock.time(0), clock.time(clock.steps)), *_outdated(checked)]
+    if late:
         checked = replace(checked, notes=(*checked.notes, *late))
     every = 1
     if recording.interval is not None:
@@ -131,6 +134,20 @@ def prepare(
     if strict and (findings := [note.problem for note in ready.notes if isinstance(note, Finding)]):
         raise SystemDescriptionError(findings)
     return ready
+
+
+def _outdated(checked: CheckedSystem) -> Iterator[str]:
+    """Yields notes on FMUs whose models have changed since they were built."""
+    for fmu in {id(one.fmu): one.fmu for one in checked.instances}.values():
+        if (file := changed_source(fmu)) is not None:
+            of, source = (_shown(one) for one in (fmu.path, file))
+            yield f"{of} was built from another {source} than is there now; uav-cosim build {source} builds it anew"
+
+
+def _shown(file: Path) -> Path:
+    """Returns a path as a user would write it: relative to the working directory, if the file is below it."""
+    absolute = file.absolute()
+    return absolute.relative_to(Path.cwd()) if absolute.is_relative_to(Path.cwd()) else absolute
 
 
 def _default_step(checked: CheckedSystem, until: float | None) -> float | None:

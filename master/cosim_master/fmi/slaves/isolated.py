@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import json
 import logging
 import sys
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -22,7 +24,7 @@ from cosim_master.fmi.isolation.remote import Address
 from cosim_master.fmi.isolation.runner import Runner
 from cosim_master.fmi.slaves.fmi2 import Diagnosis, Library
 
-__all__ = ["IsolatedLibrary", "Isolation", "Scope", "built_here", "isolable"]
+__all__ = ["IsolatedLibrary", "Isolation", "Scope", "built_here", "changed_source", "isolable"]
 
 log = logging.getLogger(__name__)
 
@@ -80,25 +82,52 @@ class Isolation:
         return replace(self.limits, restarts=self.restarts.get(name, self.limits.restarts))
 
 
+_OWN_PACKAGES = ("cosim", "cosim_models")
+
+
 def built_here(fmu: FmuDescription) -> bool:
     """Returns whether this project has built an FMU: it says so, and its GUID is that of the sources it lists."""
     if fmu.generation_tool != "uav-cosim" or fmu.table is not None:
         return False
-    return fmu.guid == _guid_of_sources(fmu.path, fmu.digest, fmu.model_name)
+    listed = _listed_sources(fmu.path, fmu.digest)
+    with suppress(TypeError, ValueError, AttributeError):  # a list that is none
+        return listed is not None and fmu.guid == guid_of(fmu.model_name, listed)
+    return False
 
 
 @lru_cache(maxsize=256)
-def _guid_of_sources(file: Path, _digest: str, model: str) -> str | None:
-    """Returns the GUID that follows from the sources that an FMU lists; None without such a list.
+def _listed_sources(file: Path, _digest: str) -> dict[str, str] | None:
+    """Returns the modules that an FMU was built from, by name, with their digests; None without such a list.
 
     Each file is opened once for each digest of it, since a swarm asks for every instance.
     """
     try:
         with zipfile.ZipFile(file) as archive:
-            digests = json.loads(archive.read("resources/build.json"))["sources"]
-        return guid_of(model, digests)
+            return dict(json.loads(archive.read("resources/build.json"))["sources"])
     except (OSError, KeyError, TypeError, ValueError, AttributeError, zipfile.BadZipFile):
         return None
+
+
+def changed_source(fmu: FmuDescription) -> Path | None:
+    """Returns the file of an FMU's model that has changed since the FMU was built; None if none is known.
+
+    It is looked for by its name in the folder of the FMU, in the one above, and in the working directory, and must
+    declare the model.
+    """
+    if not built_here(fmu):
+        return None
+    places = (fmu.path.parent, fmu.path.parent.parent, Path())
+    for module, digest in (_listed_sources(fmu.path, fmu.digest) or {}).items():
+        if "." in module or module in _OWN_PACKAGES:
+            continue
+        files = [place / f"{module}.py" for place in places]
+        contents = {file: file.read_bytes() for file in files if file.is_file()}
+        if any(hashlib.sha256(content).hexdigest() == digest for content in contents.values()):
+            continue
+        for file, content in contents.items():
+            if f"class {fmu.model_name}(".encode() in content:
+                return file
+    return None
 
 
 def isolable(fmu: FmuDescription) -> bool:
