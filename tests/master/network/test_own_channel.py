@@ -188,6 +188,15 @@ BODY = f"{HEAD}def channel(packet: Packet) -> float:\n"
         (BODY + "    return chance(packet)\n", ":4: chance takes 2 arguments, not 1"),
         (BODY + "    return sum([1.0])\n", ':4: "sum" cannot be called; '),
         (BODY + "    return 'x'\n", ":4: 'x' is not a number up to 2^62"),
+        (
+            BODY + "    return False if packet.time > 9 else 1.0\n",
+            ":4: `False` is no delay: return LOST to lose a packet",
+        ),
+        (
+            BODY + "    if packet.time > 9:\n        return 1.0\n    return packet.time > 3\n",
+            ":6: `packet.time > 3` is no",
+        ),
+        (BODY + "    return 1.0 if packet.time > 9 else not packet.time\n", ":4: `not packet.time` is no delay: "),
         ("A = 1 / 0\n" + BODY + "    return A\n", ":1: A is not a number: division by zero"),
         ("A = 2 ** 63\n" + BODY + "    return 1.0\n", ":1: A is not a number: `2 ** 63` has no value here; "),
         ("A = B\n" + BODY + "    return 1.0\n", ":1: A is not a number: `B` has no value here; "),

@@ -169,6 +169,16 @@ class _Check:
         yield from self._statements(body, {*parameters, *self.constants}, parameters)
         if not _ends(body):
             yield node.lineno, f"{node.name} can end without a result; end it with `return VALUE`"
+        if node.name == FUNCTION:
+            results = [
+                one for inner in ast.walk(node) if isinstance(inner, ast.Return) for one in _results(inner.value)
+            ]
+            bools = [one for one in results if _is_bool(one)]
+            for one in bools if len(bools) < len(results) else ():  # that all are bools is told when it is compiled
+                text = (
+                    f"`{ast.unparse(one)[:40]}` is no delay: return LOST to lose a packet, packet.delay to let it pass"
+                )
+                yield one.lineno, text
 
     def _statements(
         self, body: list[ast.stmt], known: set[str], parameters: tuple[str, ...]
@@ -338,6 +348,21 @@ def _ends(body: list[ast.stmt]) -> bool:
     if isinstance(last, ast.If):
         return _ends(last.body) and _ends(last.orelse)
     return isinstance(last, ast.Return)
+
+
+def _results(node: ast.expr | None) -> list[ast.expr]:
+    """Returns the values that an expression may have."""
+    if isinstance(node, ast.IfExp):
+        return [*_results(node.body), *_results(node.orelse)]
+    return [] if node is None else [node]
+
+
+def _is_bool(node: ast.expr) -> bool:
+    """Returns whether an expression is True, False or a comparison, which would be a delay of 1 or 0 s."""
+    if isinstance(node, ast.BoolOp):
+        return all(map(_is_bool, node.values))
+    is_not = isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
+    return is_not or isinstance(node, ast.Compare) or (isinstance(node, ast.Constant) and isinstance(node.value, bool))
 
 
 def _words(node: ast.stmt) -> str:
