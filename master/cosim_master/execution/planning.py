@@ -204,13 +204,12 @@ def _prepared(structure: SystemStructure, options: RunOptions, actions: Actions)
     checked = check(structure, overrides)
     if options.solver is not None:
         checked = _with_solver(checked, options.solver)
-    names = [f"{one.name}.{name}" for one in checked.instances[:1] for name in one.fmu.variables]
     ready = prepare(
         checked,
         until=options.until,
         step=options.step,
         seed=options.seed,
-        record=full_patterns(structure, options.record, names),
+        record=full_patterns(structure, options.record, checked.instances[0].fmu.variables),
         at=at,
         strict=options.strict,
         stimuli=None if options.inputs is None else read_stimuli(options.inputs, checked, [*overrides]),

@@ -23,13 +23,13 @@ from cosim_master.results.recording.packet_log import EPOCH
 from cosim_master.results.storage.arrays import values_of
 from cosim_master.view.block import Array, Block, steps_between
 
-__all__ = ["packet_at", "said", "sends", "traffic", "vehicle_of_nodes"]
+__all__ = ["SAME", "packet_at", "said", "sends", "traffic", "vehicle_of_nodes"]
 
 _DRAWN = 250_000
 _LOGGED = 20_000
 _LINKS = 2_000
 _NOBODY = 65535
-_SAME = ("sent", "source", "sequence", "message", "system", "component")
+SAME = ("sent", "source", "sequence", "message", "system", "component")
 """Columns that identify packets: rows of one packet, for several nodes, have equal values there."""
 _IDENTITY = ("system", "component", "sequence", "message")
 """Of these, those that a relay leaves as they are."""
@@ -92,10 +92,10 @@ def sends(columns: Mapping[str, Array] | Array) -> tuple[Array, Array]:
     n = len(columns["sent"])
     new = np.zeros(n, bool)
     new[:1] = True
-    for name in _SAME:
+    for name in SAME:
         new[1:] |= columns[name][1:] != columns[name][:-1]
     runs = np.flatnonzero(new)
-    keys = [columns[name][runs] for name in _SAME]
+    keys = [columns[name][runs] for name in SAME]
     order = np.lexsort((runs, *reversed(keys)))
     other = np.zeros(len(runs), bool)
     other[:1] = True

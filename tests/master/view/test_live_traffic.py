@@ -24,10 +24,10 @@ LATENCY = 20_000_000
 class Radio:
     """Broadcasts of made-up nodes, each with an agent, as the loop writes them; `sent` has every copy."""
 
-    def __init__(self, nodes: int, *, gateway: bool = False) -> None:
+    def __init__(self, nodes: int, *, gateway: bool = False, **settings: Any) -> None:
         names = [f"drone{i}" for i in range(nodes)]
         made = tuple(Node(name, (Endpoint(f"{name}.agent", None, None),)) for name in names)
-        network = Network(nodes=made, gateways=(Gateway("@gcs"),) if gateway else ())
+        network = Network(nodes=made, gateways=(Gateway("@gcs"),) if gateway else (), **settings)
         self.traffic = LiveTraffic(network, [Part(name, f"{name}.vehicle", f"{name}.agent") for name in names])
         self.events: list[tuple[int, ...]] = []
         self.log = b""
@@ -95,6 +95,29 @@ def test_every_packet_is_counted_once_however_chunks_are_cut() -> None:
     shares = [one["lost"] / one["sent"] for one in told["links"]]
     assert shares == sorted(shares, reverse=True)
     assert (told["sends"], told["of"]) == (300, 16) and radio.traffic.sends == 300
+
+
+@pytest.mark.parametrize("settings", [{"medium": "csma"}, {"medium": "aloha"}, {"relays": ("drone1",)}])
+def test_a_packet_that_nodes_hear_at_different_times_is_one(settings: dict[str, Any]) -> None:
+    """Its rows are in several reports, behind those of packets that were sent later."""
+    radio = Radio(3, **settings)
+    radio.traffic.watched = True
+    radio.send(10, 0, text(b"waits"), {1: BY_RADIO})
+    ((_, *first),) = radio.events
+    radio.events = []
+    radio.send(20, 1, beat(), {1: ON_BOARD})
+    radio.hand_over(complete=True)
+    assert radio.traffic.sends == 1
+    radio.events = [(10, *first)]
+    radio.hand_over(complete=True)
+    assert radio.traffic.sends == 2
+    first[2] = 2  # the second node that hears it
+    radio.events = [(10, *first)]
+    radio.hand_over(complete=True)
+    assert radio.traffic.sends == 2
+    names = [one[3] for one in radio.traffic.messages(0, radio.traffic.newest[1])]
+    assert names == ["HEARTBEAT", "STATUSTEXT"]
+    assert sum(one["sent"] for one in radio.traffic.links()["links"]) == 2
 
 
 def test_flights_and_messages_are_kept_while_a_page_is_open() -> None:

@@ -6,7 +6,7 @@ parameters and inputs can be set. Start and stop time are those of the FMU's Def
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,12 +104,13 @@ def full_names(structure: SystemStructure, values: Mapping[str, str]) -> dict[st
     return {name if name.startswith(kept) else head + name: value for name, value in values.items()}
 
 
-def full_patterns(structure: SystemStructure, patterns: Sequence[str], names: Collection[str]) -> list[str]:
+def full_patterns(structure: SystemStructure, patterns: Sequence[str], variables: Iterable[str]) -> list[str]:
     """Returns patterns of hierarchical names; for a system of one FMU, they may be those of its variables.
 
     Args:
-        names: hierarchical names; a pattern that matches one of them is kept.
+        variables: of the FMU; a pattern that matches one of their hierarchical names is kept.
     """
-    if structure.path.suffix.lower() != ".fmu":
+    if structure.path.suffix.lower() != ".fmu" or not patterns:
         return list(patterns)
+    names = [f"{structure.name}.{name}" for name in variables]
     return [one if matching(one, names) else f"{structure.name}.{one}" for one in patterns]

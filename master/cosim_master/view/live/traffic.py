@@ -25,7 +25,7 @@ from cosim_master.results.reading.roles import Part
 from cosim_master.stepping.observation import Packets
 from cosim_master.system.settings.network import Network
 from cosim_master.view.block import Array
-from cosim_master.view.traffic import packet_at, said, sends, vehicle_of_nodes
+from cosim_master.view.traffic import SAME, packet_at, said, sends, vehicle_of_nodes
 
 __all__ = ["LiveTraffic"]
 
@@ -33,6 +33,8 @@ _FLIGHTS = 250
 _BATCHES = 64
 _MESSAGES, _RATE = 20, 100.0
 _WAITING = 500
+_KNOWN = 20_000
+"""Packets that may still be heard by other nodes: far more than are on the air or wait for it."""
 _LINKS = 300
 _CELLS = 100_000
 _NOBODY = 65535
@@ -69,7 +71,10 @@ class LiveTraffic:
         self._of_link = np.zeros((max(1, cells), len(OUTCOMES)), np.int64)
         self._delay = np.zeros(max(1, cells))
         self._first, self._last = np.inf, -np.inf
-        self._sends, self._newest, self._kinds = 0, -1, Counter[int]()
+        self._sends, self._kinds = 0, Counter[int]()
+        # Nodes hear a packet at different times where it may collide or is sent on: its rows are in several reports.
+        self._apart = network.medium in ("aloha", "csma") or bool(network.relays)
+        self._known: dict[tuple[int, ...], None] = {}
         self._flights: deque[tuple[int, Array]] = deque(maxlen=_BATCHES)
         self._messages: deque[tuple[int, tuple[Any, ...]]] = deque(maxlen=_WAITING)
         self._numbers = [0, 0]  # of the newest batch of flights, and of the newest message
@@ -92,14 +97,24 @@ class LiveTraffic:
         known = events["outcome"] != MALFORMED
         self._systems[events["source"][known]] = events["system"][known]
         begins, number = sends(events)
-        is_new = events["sent"][begins] >= self._newest  # others were counted when the first node heard them
-        self._newest = max(self._newest, int(events["sent"][begins[-1]]))
+        is_new = self._first_heard(events[begins])
         self._sends += int(is_new.sum())
         self._count(events[on_air])
         if self.watched:
             self._fly(events[on_air])
             if is_new.any():
                 self._log(events, begins, number, np.flatnonzero(is_new), log)
+
+    def _first_heard(self, packets: Array) -> Array:
+        """Returns which packets, one row of each, were in no report before."""
+        if not self._apart:
+            return np.ones(len(packets), bool)
+        keys = list(zip(*(packets[name].tolist() for name in SAME), strict=True))
+        is_new = np.array([key not in self._known for key in keys])
+        self._known |= dict.fromkeys(keys)
+        for key in list(self._known)[: max(0, len(self._known) - _KNOWN)]:
+            del self._known[key]
+        return is_new
 
     def _count(self, events: Array) -> None:
         if not events.size:
