@@ -209,7 +209,7 @@ def _prepared(structure: SystemStructure, options: RunOptions, actions: Actions)
         until=options.until,
         step=options.step,
         seed=options.seed,
-        record=full_patterns(structure, options.record, checked.instances[0].fmu.variables),
+        record=full_patterns(structure, options.record, (v for one in checked.instances for v in one.fmu.variables)),
         at=at,
         strict=options.strict,
         stimuli=None if options.inputs is None else read_stimuli(options.inputs, checked, [*overrides]),
