@@ -26,6 +26,8 @@ from typing import Any
 
 import pyte
 
+from tests.master.forks import TO_ITS_END
+
 COMMAND = str(Path(sys.executable).with_name("uav-cosim"))
 _LAUNCHER = """
 import fcntl, os, signal, sys, termios
@@ -70,7 +72,6 @@ for number in (0, 1, 2):
 os.close(terminal)
 sys.argv = job["words"]
 from cosim_master.cli import main
-main()
 """
 _COLOUR = re.compile(rb"\x1b\[[0-9;]*[1-9][0-9;]*m")
 PATIENCE = 300.0
@@ -138,7 +139,7 @@ class _Fork:
 @contextmanager
 def forking_at_terminals() -> Iterator[Callable[..., Terminal]]:
     """Starts the process that forks, and ends it; yields what makes a `Terminal` with a fork of it."""
-    command = [sys.executable, "-c", _FORKER]
+    command = [sys.executable, "-c", _FORKER + TO_ITS_END]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as forker:
         yield partial(Terminal, start=partial(_Fork, forker))
         assert forker.stdin is not None
