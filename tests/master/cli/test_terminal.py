@@ -164,10 +164,11 @@ def test_check(at_terminal: Callable[..., Terminal], system: Path, tmp_path: Pat
 @WIDTHS
 def test_plot(at_terminal: Callable[..., Terminal], tmp_path: Path, columns: int) -> None:
     consensus_run(tmp_path / "run", last_step=1)
-    with at_terminal("plot", "run", folder=tmp_path, columns=columns) as terminal:
+    words = ("plot", "run", "--signal", "drone1.agent.step")
+    with at_terminal(*words, folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
     assert terminal.ever(r"plotting run +\d:\d\d")
-    assert terminal.lines[:2] == ["run/positions.png", "run/positions.svg"]
+    assert terminal.lines == ["run/signals.png", "run/signals.svg"]
     assert not terminal.cursor_hidden
 
 
@@ -241,7 +242,7 @@ def test_every_verb_without_a_terminal_that_can_draw(
         consensus_run(tmp_path / name, last_step=1)
     said = {
         ("check", "s.ssd"): "s.ssd: 2 instances, 1 connection, 0 radio nodes, 6 steps of 0.5 s: no problems",
-        ("plot", "one"): "one/altitude.svg",
+        ("plot", "one", "--signal", "drone1.agent.step", "--format", "svg"): "one/signals.svg",
         ("swap", "s.ssd", "b", "other.fmu", "-o", "new.ssd"): "new.ssd: b is now other.fmu",
         ("pack", "s.ssd", "-o", "s.ssp"): "uav-cosim run s.ssp",
         ("compare", "one", "two"): "equal: ",
