@@ -59,9 +59,18 @@ def put_into(tree: Path, title: str) -> None:
 def copied(folder: Path) -> Path:
     """A copy of the sources."""
     for name in ("cosim", "models", "master"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+        unfinished = shutil.ignore_patterns("*.pyc.*")  # others may just be importing it
+        shutil.copytree(ROOT / name, folder / name, ignore=unfinished, copy_function=_copy)
     shutil.copy(ROOT / "pyproject.toml", folder)
     return folder
+
+
+def _copy(source: str, target: str) -> None:
+    """Copies a source with its time; its bytecode, which Python replaces and never changes, is a link."""
+    if source.endswith(".pyc"):
+        Path(target).symlink_to(source)
+    else:
+        shutil.copy2(source, target)
 
 
 @pytest.fixture
