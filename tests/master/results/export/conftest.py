@@ -16,14 +16,23 @@ from cosim_master.results.export.options import Options
 @pytest.fixture(scope="session")
 def flown(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """line5 in the air: lossy radio, wind, recorded ten times a second."""
-    out = tmp_path_factory.mktemp("flown") / "flown"
+    return _fly(16.0, tmp_path_factory.mktemp("flown") / "flown")
+
+
+@pytest.fixture(scope="session")
+def begun(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first two seconds of that flight: a film of it has 20 pictures."""
+    return _fly(2.0, tmp_path_factory.mktemp("begun") / "begun")
+
+
+def _fly(until: float, out: Path) -> Path:
     overrides = {
         "network.loss": "0.2",
         "network.jitter": "0.004",
         "recording.interval": "0.1",
         "drone*.vehicle.wind[2]": "3",
     }
-    done = simulate("line5", RunOptions(until=16.0, overrides=overrides, out=out))
+    done = simulate("line5", RunOptions(until=until, overrides=overrides, out=out))
     assert done.error is None
     return out
 

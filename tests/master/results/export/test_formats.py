@@ -54,7 +54,7 @@ def array(table: pa.Table, name: str, size: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
-def test_a_format_declares_the_setting_that_it_uses(one: Format, flown: Path, tmp_path: Path) -> None:
+def test_a_format_declares_the_setting_that_it_uses(one: Format, begun: Path, tmp_path: Path) -> None:
     """Others are refused by `uav-cosim export`, as they would change nothing."""
     read: set[str] = set()
 
@@ -65,7 +65,7 @@ def test_a_format_declares_the_setting_that_it_uses(one: Format, flown: Path, tm
 
     asked: Any = Asked()
     with pytest.raises(CosimError, match="run with --dataflash") if one.name == "dataflash" else nullcontext():
-        export_run(flown, one, tmp_path / f"file{one.suffix}", asked)
+        export_run(begun, one, tmp_path / f"file{one.suffix}", asked)
     assert read == {one.uses} - {""}
 
 
@@ -425,11 +425,11 @@ def test_a_run_without_packets_or_vehicles(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("one", [one for one in FORMATS if one.suffix], ids=lambda one: one.name)
-def test_without_room_the_file_before_stays(flown: Path, tmp_path: Path, one: Format) -> None:
+def test_without_room_the_file_before_stays(begun: Path, tmp_path: Path, one: Format) -> None:
     file = tmp_path / f"x{one.suffix}"
     file.write_bytes(b"before")
     with room_of(500), pytest.raises(WriteFailed, match=rf"^{re.escape(str(file))}: cannot be written: "):
-        export_run(flown, one, file, Options())
+        export_run(begun, one, file, Options())
     assert file.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [file]
 
