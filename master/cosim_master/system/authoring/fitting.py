@@ -67,9 +67,12 @@ def lacking(fmu: FmuDescription, connectors: Sequence[Connector]) -> list[str]:
 def having(connectors: Sequence[Connector], folders: Iterable[Path]) -> list[str]:
     """Returns the names of the FMUs in some folders that have variables of the same kind for all these connectors."""
     found: dict[str, None] = {}
+    of_arrays = {one.name.partition("[")[0]: one.name for one in connectors}.values()
     for file in (file for folder in folders for file in sorted(folder.glob("*.fmu"))):
         if file.stem.isidentifier():  # of several builds, the FMI 2 one
             with suppress(SystemDescriptionError):  # its own problem
+                if not all(mentions(file, name) for name in of_arrays):
+                    continue
                 fmu = describe(file)
                 known = (fmu.variables.get(one.name) for one in connectors)
                 if all(v is not None and v.causality == one.kind for v, one in zip(known, connectors, strict=True)):

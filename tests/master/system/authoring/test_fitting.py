@@ -106,6 +106,21 @@ def test_a_name_is_an_attribute(text: str, there: bool, tmp_path: Path) -> None:
     assert mentions(tmp_path / "one.fmu", "body") is there
 
 
+@pytest.mark.parametrize(
+    ("text", "there"),
+    [
+        ('<ScalarVariable name="body[1]"/>', True),
+        ("<Float64 name='body'/>", True),
+        ('<ScalarVariable name="bodyname[1]"/>', False),
+        ('<ScalarVariable name="other[1]" description="body[1]"/>', False),
+    ],
+)
+def test_an_element_is_one_of_its_array(text: str, there: bool, tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "one.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", text)
+    assert mentions(tmp_path / "one.fmu", "body[1]") is there
+
+
 def test_a_shipped_model_that_accepts_a_vehicle_is_built(
     fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
