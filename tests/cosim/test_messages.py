@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -212,27 +211,6 @@ def digest() -> str:
             results.update(repr(decode(message, payload)).encode())
             results.update(payload[: message.full_length].tobytes())
     return results.hexdigest()
-
-
-def test_plain_python_in_its_own_process_gives_the_same() -> None:
-    script = (
-        "import importlib.util, sys, pytest\n"
-        "code = pytest.main([sys.argv[1], '-q', '-p', 'no:cacheprovider', '-k', 'pymavlink or before'])\n"
-        "spec = importlib.util.spec_from_file_location('again', sys.argv[1])\n"
-        "again = importlib.util.module_from_spec(spec); spec.loader.exec_module(again)\n"
-        "print('digest', again.digest())\n"
-        "sys.exit(code)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script, __file__],
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-        cwd=Path(__file__).parents[2],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-    assert done.stdout.split()[-1] == digest()
 
 
 def test_every_kernel_is_compiled() -> None:

@@ -553,10 +553,6 @@ def in_another_process(tmp_path: Path, **environment: str) -> str:
     return done.stdout.split()[-1]
 
 
-def test_plain_python_in_its_own_process_gives_the_same(tmp_path: Path) -> None:
-    assert in_another_process(tmp_path, NUMBA_DISABLE_JIT="1") == digest()
-
-
 @pytest.mark.slow
 def test_no_index_is_out_of_bounds_in_a_process_that_checks(tmp_path: Path) -> None:
     # A cache of its own: numba's does not know that compiled kernels differ by this setting.
