@@ -413,34 +413,36 @@ class TestLoweredKernels:
             (made,) = (garden.folder / "cache").rglob("*.kernel")
             made.unlink()
 
-    def test_a_module_may_be_imported_under_another_name(self, garden: Garden) -> None:
+    def test_a_module_may_be_imported_under_another_name(self, garden: Garden, forked_builder: Forked) -> None:
         """`uav-cosim build garden/bed.py` imports it by its path. Nothing is linked that callers call otherwise."""
         environment = {**os.environ, "XDG_CACHE_HOME": str(garden.folder / "cache")}
         for name in ("garden.bed", "bed", "garden.bed"):
-            command = [sys.executable, "-B", "-c", BY_PATH_CALL, str(garden.folder), name]
-            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+            done = forked_builder.run(BY_PATH_CALL, str(garden.folder), name, environment=environment)
             assert (done.stdout, done.stderr) == ("True\n", ""), name
 
     @pytest.mark.parametrize("loss", ["emptied", "another"])
-    def test_the_cache_may_be_emptied_or_change_during_a_process(self, garden: Garden, loss: str) -> None:
+    def test_the_cache_may_be_emptied_or_change_during_a_process(
+        self, garden: Garden, forked_builder: Forked, loss: str
+    ) -> None:
         """As in a notebook: what was read is linked with what is lowered, or read elsewhere, later."""
+
+        def run(program: str, cache: Path) -> tuple[str, str]:
+            environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
+            done = forked_builder.run(program, paths=(garden.folder,), environment=environment)
+            assert done.returncode == 0, done.stderr
+            return done.stdout, done.stderr
+
         bed = garden.folder / "garden/bed.py"
         bed.write_text(bed.read_text() + BOTH)
         caches = [garden.folder / name for name in ("cache", "other")]
         for cache in caches:
-            environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
-            command = [sys.executable, "-B", "-c", "import sys; sys.path.insert(0, sys.argv[1]); " + FIRST_CALL]
-            subprocess.run([*command, str(garden.folder)], env=environment, check=True, capture_output=True)
+            run(FIRST_CALL, cache)
             for made in cache.rglob("*.kernel"):
                 made.unlink()
-        environment = {**os.environ, "XDG_CACHE_HOME": str(caches[0])}
         then = f"shutil.rmtree({str(caches[0])!r})"
         if loss == "another":
             then = f"os.environ['XDG_CACHE_HOME'] = {str(caches[1])!r}"
-        program = f"import os, shutil, sys; sys.path.insert(0, sys.argv[1]); {FIRST_CALL}; {then}; {BOTH_CALL}"
-        command = [sys.executable, "-B", "-c", program, str(garden.folder)]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        assert (done.stdout, done.stderr) == ("4.0\n7.0\n", "")
+        assert run(f"import os, shutil; {FIRST_CALL}; {then}; {BOTH_CALL}", caches[0]) == ("4.0\n7.0\n", "")
 
     def test_they_are_made_where_nothing_can_be_written(
         self, lowers: Callable[..., tuple[list[str], str]], tmp_path: Path
