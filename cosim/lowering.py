@@ -571,6 +571,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         super().__init__(py_func, locals, targetoptions, pipeline_class)
         self._pipeline_class = pipeline_class
         self._lowered: dict[tuple[Any, ...], Lowered] = {}
+        self._templates: dict[tuple[Any, ...], Any] = {}  # to make a class takes longer than to look one up
         self.kept_in: Callable[[], Sequence[Path]] | None = None
         """Returns the folders of what is made of this kernel; None: nothing is stored."""
 
@@ -650,8 +651,10 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         signature, types = self._lowerer.fold_argument_types(args, kws)
         types = tuple(map(_widened, types))
         lowered = self.lower(types)
-        name = self.py_func.__name__
-        template = typing.make_concrete_template(f"CallTemplate({name})", key=name, signatures=[lowered.signature])
+        if (template := self._templates.get(types)) is None:
+            name = self.py_func.__name__
+            template = typing.make_concrete_template(f"CallTemplate({name})", key=name, signatures=[lowered.signature])
+            self._templates[types] = template
         return template, signature, types, {}
 
     def get_overload(self, sig: Any) -> Any:

@@ -3,14 +3,15 @@
 numba finds out again and again what it knows already or what nobody asks for: the type of a call, although a thousand
 functions add the same two floats; which variables are alive after each of its passes, although only the last result is
 used; whether a function that has nothing to rewrite or to inline has something; whether extensions have new
-declarations; who watches each pass and each lock; the size of a type, by a module of LLVM of its own; where variables
-end whose references nobody counts; each instruction as text; and whether SciPy's linear algebra is installed, by
-importing it. `use` replaces these.
+declarations; which passes need which others; who watches each pass and each lock; the size of a type, by a module of
+LLVM of its own; where variables end whose references nobody counts; each instruction as text; and whether SciPy's
+linear algebra is installed, by importing it. `use` replaces these.
 """
 
 from __future__ import annotations
 
 import sys
+import warnings
 from functools import cached_property, partial, wraps
 from importlib.util import find_spec
 from inspect import unwrap
@@ -363,6 +364,19 @@ class _ErrorContext:
             error.add_context(_errors._format_msg(self._format, self._arguments, self._named))
 
 
+_own_analysis: Any = unwrap(PassManager.dependency_analysis)
+_analyses: dict[tuple[Any, ...], Any] = {}
+
+
+@wraps(_own_analysis)
+def _known_analysis(self: Any) -> Any:
+    """Returns which passes need which others: that of before, if another function was compiled by the same passes."""
+    passes = tuple(one for one, _ in self.passes)
+    if (found := _analyses.get(passes)) is None:
+        found = _analyses[passes] = _own_analysis(self)
+    return found
+
+
 @wraps(_own_run_pass)
 def _run_pass(self: Any, index: int, one: Any, state: Any) -> None:
     """Runs a pass; its types and flags are described, and its result is looked through, only if somebody watches."""
@@ -376,6 +390,41 @@ def _run_pass(self: Any, index: int, one: Any, state: Any) -> None:
             one.run_pass(state)
             one.run_finalizer(state)
         self.exec_times[f"{index}_{one.name()}"] = _NO_TIME
+
+
+_own_catch: Any = unwrap(_errors.WarningsFixer.catch_warnings)
+
+
+class _CaughtWarnings:
+    """Keeps the warnings of a part of type inference; numba's own context is a generator, in one of the library's."""
+
+    __slots__ = ("_caught", "_fixer", "_found", "_place")
+
+    def __init__(self, fixer: Any, place: tuple[str | None, int | None]) -> None:
+        self._fixer, self._place = fixer, place
+
+    def __enter__(self) -> None:
+        self._caught = warnings.catch_warnings(record=True)
+        self._found: Any = self._caught.__enter__()
+        warnings.simplefilter("always", self._fixer._category)
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        self._caught.__exit__(kind, error, trace)
+        if error is not None:
+            return
+        filename, line = self._place
+        for one in self._found:
+            if issubclass(one.category, self._fixer._category):
+                filename, line = filename or one.filename, line or one.lineno  # as numba does it: the first one's
+                self._fixer._warnings[filename, line, one.category].add(str(one.message))
+            else:
+                warnings.warn_explicit(str(one.message), one.category, one.filename, one.lineno)
+
+
+@wraps(_own_catch)
+def _catch_warnings(self: Any, filename: str | None = None, lineno: int | None = None) -> _CaughtWarnings:
+    """Keeps the warnings of what is done within, with a place of the function that is compiled."""
+    return _CaughtWarnings(self, (filename, lineno))
 
 
 def _watched(manager: Any) -> bool:
@@ -440,6 +489,8 @@ def use() -> None:
     setattr(BaseContext, "refresh", _refresh)  # noqa: B010
     setattr(TypingContext, "refresh", _refresh_typing)  # noqa: B010
     setattr(PassManager, "_runPass", _run_pass)  # noqa: B010
+    setattr(PassManager, "dependency_analysis", _known_analysis)  # noqa: B010
+    _errors.WarningsFixer.catch_warnings = _catch_warnings
     for module in (errors, lowering, typeinfer):
         setattr(module, "new_error_context", _ErrorContext)  # noqa: B010
     if "numba.np.arraymath" not in sys.modules:  # which asks when it is imported

@@ -478,7 +478,15 @@ def test_a_second_copy_of_the_module_finds_numbas_own() -> None:
     spec.loader.exec_module(again)
     every = [name for name, value in vars(shortcuts).items() if callable(value) and "numba" in value.__module__]
     own = [name for name in every if inspect.unwrap(getattr(shortcuts, name)) is getattr(shortcuts, name)]
-    assert {"_get_call_type", "_resolve_value_type", "_inline", "_get_size", "_end_event", "_ensure_blas"} <= {*own}
+    assert {
+        "_get_call_type",
+        "_resolve_value_type",
+        "_inline",
+        "_get_size",
+        "_end_event",
+        "_ensure_blas",
+        "_own_catch",
+    } <= {*own}
     assert [name for name in own if getattr(again, name) is not getattr(shortcuts, name)] == []
     assert again._disabled.func is shortcuts._disabled.func
 
@@ -521,6 +529,8 @@ def test_who_takes_a_place(function: Callable[..., Any]) -> None:
 def plainly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Passes run, and errors get their contexts, as numba does it: the oracle."""
     monkeypatch.setattr(PassManager, "_runPass", global_compiler_lock(shortcuts._own_run_pass))
+    monkeypatch.setattr(PassManager, "dependency_analysis", shortcuts._own_analysis)
+    monkeypatch.setattr(errors.WarningsFixer, "catch_warnings", contextmanager(shortcuts._own_catch))
     for module in (errors, lowering, typeinfer):
         monkeypatch.setattr(module, "new_error_context", contextmanager(shortcuts._ErrorContext.__wrapped__))
 
@@ -575,6 +585,48 @@ def test_errors_tell_the_same(function: Callable[..., Any], monkeypatch: pytest.
     assert {"During:", "Pass", "nopython_type_inference"} <= {*ours}
     plainly(monkeypatch)
     assert told() == ours
+
+
+def test_passes_need_what_numba_finds() -> None:
+    state = compiler.StateDict(flags=compiler.DEFAULT_FLAGS, func_ir=None)
+    every = [
+        getattr(compiler.DefaultPassBuilder, f"define_{kind}_pipeline")(state)
+        for kind in ("nopython", "untyped", "typed", "nopython_lowering", "objectmode")
+    ]
+    assert len({tuple(one.passes) for one in every}) == 5
+    for one in every * 2:
+        assert one.dependency_analysis() == shortcuts._own_analysis(one)
+
+
+def test_warnings_are_kept_with_their_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    def kept() -> tuple[Any, ...]:
+        fixer = errors.WarningsFixer(errors.NumbaWarning)
+        with warnings.catch_warnings(record=True) as passed:
+            warnings.simplefilter("always")
+            with fixer.catch_warnings("model.py", 7):
+                warnings.warn_explicit(errors.NumbaWarning("here"), errors.NumbaWarning, "numba.py", 1)
+                warnings.warn_explicit("of others", UserWarning, "other.py", 2)
+            with fixer.catch_warnings():
+                warnings.warn_explicit(errors.NumbaPerformanceWarning("a"), errors.NumbaPerformanceWarning, "a.py", 3)
+                warnings.warn_explicit(errors.NumbaWarning("b"), errors.NumbaWarning, "b.py", 4)
+            with pytest.raises(ZeroDivisionError), fixer.catch_warnings("model.py", 8):
+                warnings.warn_explicit(errors.NumbaWarning("lost"), errors.NumbaWarning, "numba.py", 5)
+                1 / 0  # noqa: B018
+        return dict(fixer._warnings), [(str(one.message), one.filename, one.lineno) for one in passed]
+
+    ours = kept()
+    assert ("model.py", 7, errors.NumbaWarning) in ours[0]
+    assert ours[1] == [("of others", "other.py", 2)]
+    plainly(monkeypatch)
+    assert kept() == ours
+
+
+def test_calls_of_a_kernel_share_their_template() -> None:
+    of_floats, again, of_ints = (
+        clipped.get_call_template((one,), {})[0] for one in (*2 * [types.float64], types.int64)
+    )  # type: ignore[attr-defined]
+    assert of_floats is again
+    assert [one.cases[0].args for one in (of_floats, of_ints)] == [(types.float64,), (types.int64,)]
 
 
 def test_who_watches_passes_sees_them() -> None:
