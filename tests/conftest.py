@@ -120,10 +120,13 @@ def _of_all_workers(tmp_path_factory: pytest.TempPathFactory, worker_id: str) ->
 
 def _folder_of_all(tmp_path_factory: pytest.TempPathFactory, worker_id: str, fmi: int) -> Path:
     shared = _of_all_workers(tmp_path_factory, worker_id)
+    built = shared / f"fmi{fmi}.built"  # to find out again that all are up to date takes a worker more than a second
     with FileLock(shared / f"fmi{fmi}.lock"):
-        models = models_of_package("cosim_models") if fmi == 2 else models_with_kernels().values()
-        for _ in build_all(list(models), FMUS, fmi=fmi):
-            pass
+        if not built.exists():
+            models = models_of_package("cosim_models") if fmi == 2 else models_with_kernels().values()
+            for _ in build_all(list(models), FMUS, fmi=fmi):
+                pass
+            built.touch()
     return FMUS
 
 
