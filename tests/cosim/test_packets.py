@@ -1,4 +1,4 @@
-"""cosim.packets against pymavlink, struct, base64 and the CRC catalogue; interpreted, compiled and bounds-checked."""
+"""cosim.packets against pymavlink, struct, base64 and the CRC catalogue; compiled and bounds-checked."""
 
 from __future__ import annotations
 
