@@ -141,11 +141,13 @@ def test_types_are_told_apart() -> None:
 
 
 def test_a_table_is_released() -> None:
+    gc.freeze()  # to look through all that thousands of tests have left takes seconds
     memory = np.zeros(1, np.int64)
     seen = weakref.ref(memory)
     signature_of((Inner(memory, 1),))
     del memory
     gc.collect()
+    gc.unfreeze()
     assert seen() is not None  # its address is known, and could otherwise be that of another table
     forget_tables()
     assert seen() is None
