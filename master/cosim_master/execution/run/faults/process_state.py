@@ -5,7 +5,7 @@
     told(before, slaves, "steps")         a note for FMUs that have changed something
 
 `WatchedCalls` compares before and after each call that Python makes, and so names function and instance. The calls of
-the loop are too many and too short for that: a comparison takes 0.15 ms. `WatchedSteps` compares four times a second of
+the loop are too many and too short for that: a state takes 0.05 ms. `WatchedSteps` compares four times a second of
 wall-clock time, and so names the interval of simulated time.
 
 Isolated FMUs change their own process only.
@@ -17,11 +17,11 @@ import ctypes
 import logging
 import os
 import signal
+import stat
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from pathlib import Path
 from typing import Any, Self
 
 from cosim_master.execution.run.faults.requests import behind
@@ -38,6 +38,7 @@ _INTERVAL = 0.25
 _LC_ALL = 6
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGALRM", "SIGPIPE")
 _NUMBERS = tuple(int(getattr(signal, name, 0)) for name in _SIGNALS)  # 0 where there is no such signal: not compared
+_NO_FUNCTIONS = (None, 1)  # SIG_DFL and SIG_IGN
 _FILES = "/proc/self/fd"
 
 
@@ -74,8 +75,12 @@ class ProcessState:
     files: frozenset[tuple[int, str]]
 
     @classmethod
-    def present(cls) -> Self | None:
-        """Returns the present state; None on systems other than Linux."""
+    def present(cls, before: ProcessState | None = None) -> Self | None:
+        """Returns the present state; None on systems other than Linux.
+
+        Args:
+            before: an earlier state: of the open files, those are looked for that were open then.
+        """
         if sys.platform != "linux":
             return None
         libc = _libc()
@@ -85,8 +90,8 @@ class ProcessState:
             (libc.setlocale(_LC_ALL, None) or b"").decode("utf-8", "replace"),
             int(_libm().fegetround()),
             mask,
-            tuple(_handler(libc, number) for number in _NUMBERS),
-            frozenset(_files()),
+            tuple(_handlers(libc)),
+            frozenset(_files(_descriptors() if before is None else [number for number, _ in before.files])),
         )
 
     def changes(self, after: ProcessState) -> list[str]:
@@ -111,29 +116,67 @@ class ProcessState:
 
 def _folder() -> str:
     try:
-        return str(Path.cwd())
+        return os.getcwd()  # noqa: PTH109
     except OSError:
         return "a folder that does not exist"
 
 
-def _handler(libc: Any, number: int) -> int | None:
-    """Returns the handler of a signal: the first member of struct sigaction. That of `requests` is none of an FMU."""
-    action = (ctypes.c_ubyte * 256)()
-    libc.sigaction(number, None, ctypes.byref(action))
-    return behind(number, ctypes.c_void_p.from_buffer(action).value)
+def _descriptors() -> list[int]:
+    return list(map(int, os.listdir(_FILES)))  # noqa: PTH208 - before each call of FMI: pathlib takes longer
 
 
-def _files() -> list[tuple[int, str]]:
+class _Action(ctypes.Structure):
+    """The first member of struct sigaction, and room for the others."""
+
+    _fields_ = (("handler", ctypes.c_void_p), ("others", ctypes.c_ubyte * 248))
+
+
+@cache
+def _actions() -> list[tuple[int, _Action, Any]]:
+    """Returns the signals, and where the system tells what becomes of them: the same for all threads."""
+    return [(number, action := _Action(), ctypes.byref(action)) for number in _NUMBERS]
+
+
+def _handlers(libc: Any) -> list[int | None]:
+    """Returns the handlers of signals. That of `requests` is none of an FMU."""
+    found: list[int | None] = []
+    for number, action, address in _actions():
+        libc.sigaction(number, None, address)
+        handler = action.handler
+        found.append(handler if handler in _NO_FUNCTIONS else behind(number, handler))
+    return found
+
+
+_names: dict[int, tuple[tuple[int, int, int, int], str | None]] = {}
+"""By descriptors: device, number, links and time of change of the files that they had, and their names."""
+
+
+def _files(numbers: Sequence[int]) -> list[tuple[int, str]]:
+    """Returns those of some descriptors that are files, with the names of these."""
     found = []
-    for number in os.listdir(_FILES):  # noqa: PTH208 - twice for each call of FMI: pathlib takes three times longer
+    for number in numbers:
         try:
-            target = os.readlink(f"{_FILES}/{number}")  # noqa: PTH115
+            status = os.fstat(number)
+            which = status.st_dev, status.st_ino, status.st_nlink, status.st_ctime_ns
+            known = _names.get(number)
+            if known is None or known[0] != which:
+                known = _names[number] = which, _name(number, status)
         except OSError:  # that of the listing itself, or one that another thread has closed
             continue
-        # Sockets may be closed by their other ends, and recorders close the Parquet files of each checkpoint.
-        if not target.startswith(("socket:", "/proc/")) and not target.endswith(".parquet"):
-            found.append((int(number), target))
+        if known[1] is not None:
+            found.append((number, known[1]))
+            if known[1].startswith("anon_inode:"):  # all of them are one
+                _names.pop(number, None)
     return found
+
+
+def _name(number: int, status: os.stat_result) -> str | None:
+    """Returns the name of a file; None for those that are not compared."""
+    # Sockets may be closed by their other ends, and recorders close the Parquet files of each checkpoint.
+    if stat.S_ISSOCK(status.st_mode):
+        return None
+    name = os.readlink(f"{_FILES}/{number}")  # noqa: PTH115
+    return None if name.startswith(("socket:", "/proc/")) or name.endswith(".parquet") else name
 
 
 class WatchedCalls:
@@ -155,13 +198,12 @@ class WatchedCalls:
             library.watch = partial(_Watched, self._compared, library)
 
     def _compared(self, before: ProcessState | None, library: Library, function: str, first: Any) -> None:
-        after = ProcessState.present()
-        if before is None or after is None or not (changes := before.changes(after)):
+        if before is None or (after := ProcessState.present(before)) is None or not (changes := before.changes(after)):
             return
         value = getattr(first, "value", first)  # the handle, or the name in calls that instantiate
         who = value.decode("utf-8", "replace") if isinstance(value, bytes) else library.handles.get(value or 0)
         text = f"{who or library.fmu.path.name} has changed the process of the run in {function}: {'; '.join(changes)}"
-        self.after = after
+        self.after = ProcessState.present()
         self._notes.append(f"{text} (--isolate instance prevents it)")
         log.warning("note: %s", self._notes[-1])
 
