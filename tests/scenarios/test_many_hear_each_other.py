@@ -26,14 +26,15 @@ def test_every_packet_reaches_every_other_node_once(tmp_path: Path) -> None:
         assert simulate(system, run).outcome == "done"
         outputs.append((tmp_path / str(threads) / "packets.parquet").read_bytes())
     assert outputs[0] == outputs[1]
-    table = pq.read_table(tmp_path / "1" / "packets.parquet").to_pylist()
+    table = pq.read_table(tmp_path / "1" / "packets.parquet").to_pydict()
     heard: dict[tuple[object, ...], list[str]] = defaultdict(list)
     length: dict[tuple[object, ...], int] = {}
-    for one in table:
-        if one["outcome"] == "radio":
-            key = tuple(one[name] for name in ("sent", "source", "message", "sequence"))
-            heard[key].append(one["target"])
-            length[key] = one["length"]
+    columns = (table[name] for name in ("sent", "source", "message", "sequence", "target", "length", "outcome"))
+    for *key, target, size, outcome in zip(*columns, strict=True):
+        if outcome == "radio":
+            packet = tuple(key)
+            heard[packet].append(target)
+            length[packet] = size
     assert len(heard) >= 2 * N
     assert all(len(nodes) == len({*nodes}) == N - 1 for nodes in heard.values())
     # Some steps sent so much that, by the bound of `places_needed`, all ports together need more than `_TOGETHER`.

@@ -22,7 +22,7 @@ from cosim_master.stepping.observation import Progress
 from tests.scenarios.flights import SYSTEMS, copy_of, fly
 from tests.scenarios.test_radio_is_bad import with_radio
 
-UNTIL, EVERY = 6.0, 0.5
+UNTIL, EVERY = 3.0, 0.75
 RECORDED = ("signals.parquet", "packets.parquet", "packets.tlog", "packets/drone1.tlog", "packets/drone3.tlog")
 
 
@@ -89,7 +89,7 @@ def _by_radio(row: Mapping[str, Any]) -> bool:
 
 def test_from_4_s_on_the_radio_is_dead(line5: Path, tmp_path: Path) -> None:
     """Settings of the radio hold from the checkpoint on: what was sent before has the fate it had, in flight or not."""
-    simulate(line5, RunOptions(out=tmp_path / "run", until=UNTIL, checkpoint_every=4.0))
+    simulate(line5, RunOptions(out=tmp_path / "run", until=6.0, checkpoint_every=4.0))
     origin = f"{tmp_path / 'run'}@4"
     branch = simulate(line5, RunOptions(out=tmp_path / "branch", origin=origin, overrides={"network.loss": "1"}))
     assert branch.outcome == "done"

@@ -117,18 +117,18 @@ def test_an_empty_battery_ends_a_flight(other: Callable[..., Flight]) -> None:
 
 def test_the_same_bits_with_two_threads_and_after_an_interruption(fmus: Path, tmp_path: Path) -> None:
     def options(name: str, **more: Any) -> RunOptions:
-        return RunOptions(out=tmp_path / name, checkpoint_every=4.0, **more)
+        return RunOptions(out=tmp_path / name, checkpoint_every=3.0, **more)
 
     def interrupt(progress: Progress) -> None:
-        if progress.time >= 8.0:
+        if progress.time >= 6.0:
             raise KeyboardInterrupt
 
-    simulate(WINDY, options("one", until=16.0, threads=1))
-    simulate(WINDY, options("two", until=16.0, threads=2))
-    simulate(WINDY, options("half", until=16.0), listener=Listener(progress=interrupt))
+    simulate(WINDY, options("one", until=9.0, threads=1))
+    simulate(WINDY, options("two", until=9.0, threads=2))
+    simulate(WINDY, options("half", until=9.0), listener=Listener(progress=interrupt))
     last = max(float(folder.name) for folder in (tmp_path / "half" / "checkpoints").iterdir())
     simulate(WINDY, options("rest", origin=f"{tmp_path / 'half'}@{last:g}"))
-    simulate(WINDY, options("seed", until=16.0, overrides={"environment.seed": "2"}))
+    simulate(WINDY, options("seed", until=9.0, overrides={"environment.seed": "2"}))
     for name in FILES:
         whole = (tmp_path / "one" / name).read_bytes()
         assert (tmp_path / "two" / name).read_bytes() == whole
