@@ -17,6 +17,8 @@ from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
 
 SYSTEMS = Path(__file__).parents[2] / "master" / "systems"
+OF_FIVE = ("drone*", "environment.*[?]", "environment.*[1?]")
+"""The signals of `windy` that are of its five drones: its airspace has places for hundreds."""
 
 
 @dataclass(frozen=True, slots=True)

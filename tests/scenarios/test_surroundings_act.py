@@ -87,14 +87,21 @@ def test_drones_lean_into_turbulence_and_repeat_it_to_the_bit(fmus: Path, tmp_pa
         if progress.time >= 2.0:
             raise KeyboardInterrupt
 
-    one = system("one-system", 1)
-    first = fly(one, tmp_path / "first", threads=1, checkpoint_every=1.0)
-    fly(one, tmp_path / "second", threads=2, checkpoint_every=1.0)
-    simulate(one, RunOptions(out=tmp_path / "half", checkpoint_every=1.0), listener=Listener(progress=interrupt))
+    one, record = system("one-system", 1), ("drone*", "environment.*[?]")  # of both drones
+    first = fly(one, tmp_path / "first", threads=1, checkpoint_every=1.0, record=record)
+    fly(one, tmp_path / "second", threads=2, checkpoint_every=1.0, record=record)
+    simulate(
+        one,
+        RunOptions(out=tmp_path / "half", checkpoint_every=1.0, record=record),
+        listener=Listener(progress=interrupt),
+    )
     last = max(float(folder.name) for folder in (tmp_path / "half" / "checkpoints").iterdir())
-    simulate(one, RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'half'}@{last:g}", checkpoint_every=1.0))
+    simulate(
+        one,
+        RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'half'}@{last:g}", checkpoint_every=1.0, record=record),
+    )
     assert recorded("first") == recorded("second") == recorded("rest")
-    other = fly(system("other-system", 2), tmp_path / "other")
+    other = fly(system("other-system", 2), tmp_path / "other", record=record)
     winds = [flight["environment.wind[1]"] for flight in (first, other)]
     assert not np.array_equal(*winds)
     assert winds[0][0] == 3.0 and 0.2 < np.std(winds[0]) < 4.0

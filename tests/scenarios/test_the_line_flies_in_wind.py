@@ -19,7 +19,7 @@ from cosim_master.fmi.description.read import describe
 from cosim_master.stepping.observation import Progress
 from cosim_master.system.authoring.swarm.drone import wired_by_name
 from cosim_master.system.authoring.swarm.new import new_system
-from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
+from tests.scenarios.flights import OF_FIVE, SYSTEMS, Flight, copy_of, fly
 from tests.scenarios.test_battery_ends_a_flight import with_power
 
 DRONES = range(1, 6)
@@ -31,14 +31,18 @@ FILES = ("signals.parquet", "packets.parquet", "packets.tlog")
 
 @pytest.fixture(scope="module")
 def flight(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Flight:
-    return fly(WINDY, tmp_path_factory.mktemp("windy") / "out")
+    return fly(WINDY, tmp_path_factory.mktemp("windy") / "out", record=OF_FIVE)
 
 
 @pytest.fixture
 def other(fmus: Path, tmp_path: Path) -> Callable[..., Flight]:
     """Flies it with other values."""
     return lambda until, **values: fly(
-        WINDY, tmp_path / "other", until=until, overrides={key.replace("__", "."): str(x) for key, x in values.items()}
+        WINDY,
+        tmp_path / "other",
+        until=until,
+        record=OF_FIVE,
+        overrides={key.replace("__", "."): str(x) for key, x in values.items()},
     )
 
 
@@ -117,7 +121,7 @@ def test_an_empty_battery_ends_a_flight(other: Callable[..., Flight]) -> None:
 
 def test_the_same_bits_with_two_threads_and_after_an_interruption(fmus: Path, tmp_path: Path) -> None:
     def options(name: str, **more: Any) -> RunOptions:
-        return RunOptions(out=tmp_path / name, checkpoint_every=3.0, **more)
+        return RunOptions(out=tmp_path / name, checkpoint_every=3.0, record=OF_FIVE, **more)
 
     def interrupt(progress: Progress) -> None:
         if progress.time >= 6.0:
@@ -190,7 +194,7 @@ def test_it_is_the_pattern_of_other_swarms(fmus: Path, tmp_path: Path) -> None:
     for i in range(1, 5):
         swarm.connect(f"drone{i}", f"drone{i + 1}")
     again, first = (
-        fly(folder, tmp_path / f"out{i}", until=20.0)
+        fly(folder, tmp_path / f"out{i}", until=20.0, record=OF_FIVE)
         for i, folder in enumerate((swarm.save(tmp_path / "again"), WINDY))
     )
     assert again.signals.keys() == first.signals.keys()
