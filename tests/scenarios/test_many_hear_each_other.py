@@ -22,7 +22,8 @@ def test_every_packet_reaches_every_other_node_once(tmp_path: Path) -> None:
     system = new_system("line", N, tmp_path / "points", fleet=fleet, until=0.2)
     outputs = []
     for threads in (1, 2):
-        run = RunOptions(out=tmp_path / str(threads), threads=threads, overrides={"network.topology": "broadcast"})
+        radio, record = {"network.topology": "broadcast"}, ("drone1.vehicle.*",)
+        run = RunOptions(out=tmp_path / str(threads), threads=threads, overrides=radio, record=record)
         assert simulate(system, run).outcome == "done"
         outputs.append((tmp_path / str(threads) / "packets.parquet").read_bytes())
     assert outputs[0] == outputs[1]
