@@ -58,7 +58,8 @@ def flights(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, F
     found = {}
     for name in PLACES:
         swapped = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / f"{name}.fmu", folder / name)
-        found[name] = fly(swapped, folder / f"{name}-out")
+        record = ("drone*.vehicle.position*", "drone3.agent.failure", "drone3.agent.step")
+        found[name] = fly(swapped, folder / f"{name}-out", record=record)
     return found
 
 
