@@ -249,7 +249,7 @@ def _of_array(array: np.ndarray[Any, Any]) -> tuple[str, list[int]]:
     layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
     access = ("" if flags.writeable else " read only") + ("" if flags.aligned else " unaligned")
     signature = f"{_named(array.dtype)}[{array.ndim}]{layout}{access}"
-    return signature, [array.__array_interface__["data"][0], *array.shape, *array.strides]
+    return signature, [array.ctypes.data, *array.shape, *array.strides]
 
 
 _names: dict[int, tuple[np.dtype[Any], str]] = {}
