@@ -186,11 +186,11 @@ def phases(folder: Path) -> dict[str, float]:
 
 def child(*words: str) -> tuple[dict[str, Any], float]:
     """Run this file in a fresh process; returns the JSON it prints and its peak memory in MiB."""
-    process = subprocess.Popen([sys.executable, __file__, *words], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    text = process.stdout.read()
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
+    with subprocess.Popen([sys.executable, __file__, *words], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        text = process.stdout.read()
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode != 0:
         raise RuntimeError(f"swarm.py {' '.join(words)} ended with exit code {process.returncode}")
     return json.loads(text.splitlines()[-1]), usage.ru_maxrss / 1024

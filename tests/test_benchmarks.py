@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -11,15 +13,24 @@ from typing import Any
 
 import pytest
 
+from cosim_master.campaigns.study.factors import Factor
+
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
 
 def benchmark(name: str, folder: Path, *words: str) -> dict[str, Any]:
-    """Run a benchmark; returns what it writes as JSON."""
+    """Run a benchmark as a program, but in this process, which has imported most of it; returns what it writes as JSON.
+
+    Processes that benchmarks start are started all the same.
+    """
     file = folder / f"{name}.json"
-    command = [sys.executable, str(BENCHMARKS / f"{name}.py"), *words, "--json", str(file)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    program = str(BENCHMARKS / f"{name}.py")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [program, *words, "--json", str(file)])
+        patch.syspath_prepend(str(BENCHMARKS))
+        patch.chdir(folder)  # some go elsewhere
+        runpy.run_path(program, run_name="__main__")
+    sys.modules.pop("relay", None)  # a process loads the file of a model once
     result: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     assert result["benchmark"] == name
     assert result["machine"]["cores"] >= 1
@@ -49,7 +60,7 @@ def test_overhead_of_fmi_3_is_compared_with_a_program_that_computes_the_same(tmp
 def test_the_model_of_parts_has_its_limits(tmp_path: Path) -> None:
     """With free messages, nothing is lost; with a slow network, a window lasts as long as its messages at least."""
     free = ["--message-us", "0", "--window-us", "0", "--network-us", "0", "--gbit", "1e9", "--noise", "0"]
-    free += ["--packets", "0", "--recorded", "0", "--windows", "2000", "--drones", "1600", "--hosts", "1", "4", "16"]
+    free += ["--packets", "0", "--recorded", "0", "--windows", "500", "--drones", "1600", "--hosts", "1", "4", "16"]
     for row in benchmark("partitions", tmp_path, *free)["rows"]:
         assert row["efficiency"] == pytest.approx(1.0, rel=0.01) == row["waited_for"]
     slow = ["--network-us", "50000", "--drones", "100", "--hosts", "4", "--windows", "200"]
@@ -58,16 +69,28 @@ def test_the_model_of_parts_has_its_limits(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_campaign_is_measured_beside_a_loop(tmp_path: Path, fmus: Path) -> None:
-    document = tmp_path / "scale.md"
+def test_a_campaign_is_measured_beside_a_loop(
+    tmp_path: Path, fmus: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the 50 points of the study, six are enough to be counted."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    campaigns = importlib.import_module("campaigns")
+    factors = [Factor.parsed(f"network.loss={values}") for values in (campaigns.EPSILON, campaigns.LOSS)]
+    assert math.prod(len(one.values) for one in factors) == campaigns.POINTS == 50
+    monkeypatch.setattr(campaigns, "EPSILON", "0.1:0.55:3")
+    monkeypatch.setattr(campaigns, "LOSS", "0,0.3")
+    monkeypatch.setattr(campaigns, "POINTS", 6)
+    document, file = tmp_path / "scale.md", tmp_path / "campaigns.json"
     document.write_text("# Scale\n\nOther figures.\n", encoding="utf-8")
-    words = ("--seeds", "1", "--loop", "1", "--workers", "1", "--until", "2", "--docs", str(document))
-    found = benchmark("campaigns", tmp_path, *words)
-    assert (found["loop"]["runs"], found["campaign"]["runs"]) == (1, 50)
+    words = ["--seeds", "1", "--loop", "1", "--workers", "1", "--until", "2", "--docs", str(document)]
+    campaigns.main([*words, "--json", str(file)])
+    found = json.loads(file.read_text(encoding="utf-8"))
+    assert (found["benchmark"], found["loop"]["runs"], found["campaign"]["runs"]) == ("campaigns", 1, 6)
     assert all(found[name]["processor_s_per_run"] > 0.0 for name in ("loop", "campaign"))
     text = document.read_text(encoding="utf-8")
     assert text.startswith("# Scale\n\nOther figures.\n")
-    assert "| 50 |" in text
+    assert "| 6 |" in text
+    assert "sweep" in capsys.readouterr().out
 
 
 @pytest.mark.slow
