@@ -299,6 +299,7 @@ class Observers:
         rows = [one for one in observers if isinstance(one, RowObserver)]
         packets = [one for one in observers if isinstance(one, PacketObserver)]
         self._reporting = [one for one in observers if isinstance(one, ProgressObserver)]
+        self._shown = {id(one): one for one in packets}
         self._looking = [one for one in observers if one.every > 0]
         self._points = [one for one in observers if isinstance(one, PointObserver)]
         self._periods = {id(one): (one.every,) for one in self._looking} | {
@@ -354,8 +355,8 @@ class Observers:
         if progress.kept and self._chunks is not None:
             self._chunks.hand_over()
         for observer in self._reporting:
-            if self._chunks is not None and isinstance(observer, PacketObserver):
-                self._chunks.show_packets(observer)
+            if self._chunks is not None and (shown := self._shown.get(id(observer))) is not None:
+                self._chunks.show_packets(shown)
             observer.progressed(progress)
 
     def close(self) -> RecordingFailed | None:
