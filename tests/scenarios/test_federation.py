@@ -13,7 +13,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from cosim_master.execution.simulate import simulate
 from cosim_master.network.gateways import helics_federate
 from cosim_master.network.gateways.helics_federate import Federate, Port, read_address
 from cosim_master.stepping.control import Control
+from tests.master.forks import Forks
 from tests.master.parts import run_in_parts
 from tests.scenarios.flights import SYSTEMS, copy_of, fly
 
@@ -271,7 +271,7 @@ time.sleep(600)
     ],
     ids=["killed", "stopped"],
 )
-def test_a_broker_that_ends_the_run(fmus: Path, tmp_path: Path, number: int, text: str) -> None:
+def test_a_broker_that_ends_the_run(fmus: Path, tmp_path: Path, forks: Forks, number: int, text: str) -> None:
     """Broker, swarm and second federate are processes; what was recorded until then is complete."""
     port, python = free_port(), [sys.executable, "-c"]
     command = ["run", str(LINE5), "-o", str(tmp_path / "out"), "--until", "30", "--helics", f"tcp_ss:{port},timeout=5"]
@@ -281,8 +281,7 @@ def test_a_broker_that_ends_the_run(fmus: Path, tmp_path: Path, number: int, tex
         with subprocess.Popen(
             [*python, OTHER, str(port), str(broker.pid), str(number)], stderr=subprocess.PIPE
         ) as other:
-            started = [*python, "from cosim_master.cli import main; main()", *command]
-            done = subprocess.run(started, capture_output=True, text=True, check=False, timeout=300)
+            done = forks.run(command, tmp_path, os.environ)
             other.kill()
         broker.kill()
     assert done.returncode == 1
@@ -292,13 +291,12 @@ def test_a_broker_that_ends_the_run(fmus: Path, tmp_path: Path, number: int, tex
     assert 0.7 < times[-1] <= simulated < 1.0
 
 
-def test_endpoints_and_publications_that_nobody_has_are_noted(fmus: Path, tmp_path: Path) -> None:
+def test_endpoints_and_publications_that_nobody_has_are_noted(fmus: Path, tmp_path: Path, forks: Forks) -> None:
     """HELICS itself would write a line on standard output for each packet, where a program expects JSON."""
     with brokered("zmq", 1) as address:
         command = ["run", str(LINE5), "-o", str(tmp_path / "out"), "--until", "0.5", "--json"]
         command += ["--helics", f"{address},to=nix", "--helics-subscribe", "drone3.vehicle.wind[2]=nothing"]
-        started = [sys.executable, "-c", "from cosim_master.cli import main; main()", *command]
-        done = subprocess.run(started, capture_output=True, text=True, check=False, timeout=300)
+        done = forks.run(command, tmp_path, os.environ)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["outcome"] == "done"
     nodes = ", ".join(f"drone{n}" for n in range(1, 6))
@@ -331,16 +329,15 @@ def test_parts_take_no_part_in_a_federation(fmus: Path) -> None:
         run_in_parts(LINE5, RunOptions(helics="zmq:1"), 2)
 
 
-def test_the_example_of_the_guide(fmus: Path, tmp_path: Path) -> None:
+def test_the_example_of_the_guide(fmus: Path, tmp_path: Path, forks: Forks) -> None:
     """The program and the command of docs/helics.md, as they are printed, at another port."""
     text = (SYSTEMS.parents[1] / "docs" / "helics.md").read_text(encoding="utf-8").replace("23404", str(free_port()))
     (program,) = re.findall(r"^```python weather.py\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     (command,) = re.findall(r"^```sh helics\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     (tmp_path / "weather.py").write_text(program, encoding="utf-8")
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    run = partial(subprocess.run, cwd=tmp_path, check=False, capture_output=True, text=True, timeout=300)
     with subprocess.Popen([sys.executable, "weather.py"], cwd=tmp_path, stdout=subprocess.PIPE, text=True) as weather:
-        done = run(["bash", "-c", command], env={**os.environ, "PATH": path})
+        done = forks.shell(command.replace("\\\n", ""), tmp_path, {**os.environ, "PATH": path})
         said, _ = weather.communicate(timeout=300)
     assert done.returncode == 0, done.stderr
     found = re.search(r"drone 3 is at ([0-9.]+) m east; ([0-9]+) packets", said)
