@@ -11,10 +11,13 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim.verdict import Formation, Neighbour, Role
-from cosim_master.campaigns.dataset.folder import read_runs
+from cosim_master.campaigns.dataset.folder import Folder
 from cosim_master.campaigns.metrics import built_in
 from cosim_master.campaigns.metrics.measured import Measured
 from cosim_master.campaigns.metrics.metric import Metric, MetricError
+from cosim_master.campaigns.running.place import look_at
+from cosim_master.campaigns.running.task import perform
+from cosim_master.campaigns.study.study import Study
 from cosim_master.cli import app
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.outcome.result import Outcome, RunResult
@@ -207,11 +210,11 @@ def test_energy_is_the_integral_of_voltage_times_current() -> None:
 
 def test_energy_of_shipped_systems(fmus: Path, tmp_path: Path) -> None:
     """Autopilots measure a battery in local variables, also of systems without batteries."""
-    words = ["sweep", "windy", "--until", "3", "--workers", "1", "--metric", "energy", "-o", str(tmp_path / "windy")]
     by_hand = "hand=sum(integral(drone*.power.voltage * drone*.power.current))"
-    told = CliRunner().invoke(app, [*words, "--metric", by_hand])
-    assert told.exit_code == 0, told.stderr
-    (row,) = read_runs(tmp_path / "windy").to_pylist()
+    study = Study(system="windy", metrics=tuple(map(Metric.parsed, ("energy", by_hand))), until=3.0)
+    (planned,) = study.runs()
+    row = perform(study, look_at(study, planned), planned).row
+    assert row["outcome"] == "done", row["reason"]
     assert row["energy"] == row["hand"] > 1.0
     told = CliRunner().invoke(app, ["sweep", "line5", "--metric", "energy", "-o", str(tmp_path / "line5")])
     assert told.exit_code == 2
@@ -221,10 +224,15 @@ def test_energy_of_shipped_systems(fmus: Path, tmp_path: Path) -> None:
 
 
 def test_a_metric_that_has_no_value_is_told(fmus: Path, tmp_path: Path) -> None:
-    words = ["sweep", "line5", "--until", "0.1", "--workers", "1", "-o", str(tmp_path / "out")]
+    """The run has been made before, so no worker is needed."""
     own = tmp_path / "own.py"
     own.write_text("def x(run):\n    return run['drone1.vehicle.position[1]']\n")
-    told = CliRunner().invoke(app, [*words, "--metric", f"{own}:x", "--metric", "packets_lost"])
+    study = Study(system="line5", metrics=tuple(map(Metric.parsed, (f"{own}:x", "packets_lost"))), until=0.1)
+    (planned,) = study.runs()
+    place = look_at(study, planned)
+    with Folder(tmp_path / "out", study, place.inputs) as folder:
+        folder.add(dict(perform(study, place, planned).row))
+    told = CliRunner().invoke(app, ["sweep", str(tmp_path / "out")])
     assert told.exit_code == 0
     assert "note: no run has a value of metric x; run 0: TypeError: only " in told.stderr
     assert "metric packets_lost" not in told.stderr
