@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -160,8 +161,9 @@ def test_a_common_beginning_of_a_run_that_starts_later_than_0(fmus: Path, tmp_pa
 
 @pytest.mark.parametrize("begin", [0, 1])
 def test_a_setting_of_the_radio_changes_at_a_checkpoint_as_its_commands_do(
-    fmus: Path, tmp_path: Path, begin: int
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begin: int
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     system = copy_of("line5", tmp_path, fmus, lambda text: text.replace('startTime="0"', f'startTime="{begin}"'))
     study = Study(system=str(system), factors=(Factor.parsed("network.loss@10=0.5"),), metrics=metrics("packets_lost"),
                   until=15.0)  # fmt: skip
@@ -170,7 +172,8 @@ def test_a_setting_of_the_radio_changes_at_a_checkpoint_as_its_commands_do(
     prefix = make_prefix(study, place, run)
     row = perform(study, place, run, prefix).row
     for command in commands(study, run, place.begin):
-        subprocess.run([COMMAND, *command.split()[1:]], cwd=tmp_path, check=True, capture_output=True)
+        done = CliRunner().invoke(app, shlex.split(command)[1:])
+        assert done.exit_code == 0, done.stderr
     manifest = json.loads((tmp_path / "run-0" / "manifest.json").read_text(encoding="utf-8"))
     assert row["packets_lost"] == manifest["packets"]["lost"] > 0
     assert row["simulated_s"] == 15.0 - begin
