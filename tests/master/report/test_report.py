@@ -6,8 +6,6 @@ import json
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,9 @@ import pyarrow.parquet as pq
 import pytest
 from lxml import etree
 from lxml import html as lxml_html
+from typer.testing import CliRunner
 
+from cosim_master.cli import app
 from cosim_master.diagnostics.errors import CosimError, SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
@@ -31,8 +31,6 @@ from cosim_master.results.storage.run_folder import is_figure
 from tests.master.results.test_figures import consensus_run
 from tests.master.view.recordings import EVIL, evil_run
 from tests.scenarios.flights import SYSTEMS
-
-COMMAND = "from cosim_master.cli import main; main()"
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +146,9 @@ def test_the_command_repeats_a_run_from_a_checkpoint(fmus: Path, tmp_path: Path)
     assert repetition(read_run(tmp_path / "run")).endswith(" --seed 1 --until 0.5")
 
 
-def test_the_commands_repeat_a_run_whose_radio_has_changed(fmus: Path, tmp_path: Path) -> None:
+def test_the_commands_repeat_a_run_whose_radio_has_changed(
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Twice: at the checkpoint of a run, and at one of its branch, whose runs are gone."""
     system = str(SYSTEMS / "line5-points")
     common: dict[str, Any] = {"until": 3.0, "checkpoint_every": 1.0, "isolation": Isolation("none")}
@@ -179,11 +179,12 @@ def test_the_commands_repeat_a_run_whose_radio_has_changed(fmus: Path, tmp_path:
     ]
     again = tmp_path / "again"
     again.mkdir()
+    monkeypatch.chdir(again)
     for one in found:
         words = shlex.split(one)[1:]
         words += [] if "-o" in words else ["-o", "repeated"]
-        done = subprocess.run([sys.executable, "-c", COMMAND, *words], cwd=again, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 0, done.stderr
     assert compare(tmp_path / "c", again / "repeated").equal
     assert compare(tmp_path / "c", again / "repeated").causes == {}
     plain = simulate(
