@@ -410,9 +410,10 @@ def test_more_parts_than_processors_are_started_with_a_note(
 def test_it_is_started_twice(fmus: Path, tmp_path: Path) -> None:
     with running(tmp_path / "out", "--pace", "1", parts=2) as parts:
         parts.flies()
-        second = CliRunner().invoke(app, ["run", str(SYSTEMS / "line5"), "-o", str(tmp_path / "out")])
-    assert second.exit_code == 2
-    assert "holds a run that goes on; give another folder" in second.stderr
+        with running(tmp_path / "out", parts=2) as second:
+            _, error = second.process.communicate(timeout=LIMIT)
+        assert second.process.returncode == 2
+        assert "holds a run that goes on; give another folder" in error
 
 
 def test_a_client_flies_a_vehicle_of_another_part(fmus: Path, tmp_path: Path) -> None:

@@ -121,7 +121,6 @@ def kernels_of_runs() -> dict[str, tuple[Any, tuple[Any, ...]]]:
         "step_together": (instances.step_together, (plan, chosen)),
         "collect_again": (instances.collect_again, (plan, chosen)),
         "admit": (router.admit, (air, reals, 0, 0, received, 0)),
-        "arrived": (queues.arrived, (air.endpoints, air.places, 0, 0)),
         "deliver": (queues.deliver, (air, 0, 0, port)),
         "divide": (logs.divide, (received, 0, chosen, port)),
         "next_point": (macro_step.next_point, (plan, 0)),

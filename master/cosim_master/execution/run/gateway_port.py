@@ -59,9 +59,9 @@ class GatewayPort:
         return b"".join(taken)
 
     def _arrived(self, e: int) -> bool:
-        """Returns whether a packet has reached an endpoint by now.
+        """Returns whether a packet has reached an endpoint by now, as the kernel `queues.arrived` does for others.
 
-        It is asked for each gateway in each exchange; a call of the kernel `queues.arrived` takes ten times as long.
+        It is asked for each gateway in each exchange; the call of a kernel takes ten times as long.
         """
         radio = self._state.radio
         first = radio.endpoints["first"][e]

@@ -163,7 +163,7 @@ def take_delivered(r: Radio, t: int, e: int) -> None:
         _account(r, t, e, place)
 
 
-@entry
+@kernel
 def arrived(endpoints: NDArray[Any], places: NDArray[Any], t: int, e: int) -> bool:
     """Returns whether a packet has reached endpoint `e` by time t [ns]. Called for every endpoint in every step."""
     first = endpoints[e].first
