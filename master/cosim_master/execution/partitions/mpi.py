@@ -25,9 +25,11 @@ from cosim_master.execution.partitions.transport import PartLost
 
 __all__ = ["MpiTransport", "launched_by", "missing"]
 
-_SPINS, _NAP = 200, 20e-6
-_LOOK = 50
-"""Naps between two looks for parts that have died and for reports of them."""
+_SPINS, _NAP, _LONGEST_NAP = 200, 20e-6, 1e-3
+_SHARE = 0.05
+"""Naps last so much of the time waited: a message is noticed as much later, and who waits long hardly computes."""
+_LOOK = 3e-3
+"""Seconds between two looks for parts that have died and for reports of them."""
 _HEARING = 0.5
 """Seconds for which part 0 waits for other parts' reports of the same loss."""
 _LONGER = 3
@@ -127,15 +129,18 @@ class MpiTransport:
         Args:
             limit: s; `why` it is this one.
         """
-        status, naps, began = self._mpi.Status(), -_SPINS, time.monotonic()
+        status, spins, began = self._mpi.Status(), 0, time.monotonic()
+        looked = began
         try:
             while (found := self._comm.Improbe(source=source, tag=0, status=status)) is None:
-                naps += 1
-                if naps > 0:
-                    time.sleep(_NAP)
-                    if naps % _LOOK == 0:
+                spins += 1
+                if spins > _SPINS:
+                    now = time.monotonic()
+                    time.sleep(min(max(_NAP, _SHARE * (now - began)), _LONGEST_NAP))
+                    if now - looked >= _LOOK:
+                        looked = now
                         self._look()
-                        if time.monotonic() - began > limit:
+                        if now - began > limit:
                             raise PartLost(source, f"{_SILENT} for {limit:g} s{why}: {_RAISED}")
             message = bytearray(status.Get_count(self._mpi.BYTE))
             found.Recv([message, self._mpi.BYTE])
@@ -201,7 +206,7 @@ class MpiTransport:
             elif time.monotonic() > end:
                 break
             else:
-                time.sleep(_NAP * _LOOK)
+                time.sleep(_LONGEST_NAP)
         lost = next((one for part, one in found.items() if part not in missing), missed)
         self._gone.add(lost.part)
         return lost
