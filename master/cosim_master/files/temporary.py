@@ -83,9 +83,10 @@ def _remove_abandoned() -> None:
         return
     place = Path(tempfile.gettempdir())
     with suppress(OSError):
-        for file in [*place.glob(f"{_PREFIX}*{_SUFFIX}")]:
-            with suppress(OSError):
-                _remove_if_abandoned(file)
+        for file in place.iterdir():  # not by a pattern, which takes 2 ms for a thousand files of others
+            if file.name.startswith(_PREFIX) and file.name.endswith(_SUFFIX):
+                with suppress(OSError):
+                    _remove_if_abandoned(file)
 
 
 def _remove_if_abandoned(file: Path) -> None:
