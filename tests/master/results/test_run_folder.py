@@ -12,7 +12,7 @@ import pytest
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.figures.draw import figures
+from cosim_master.results.figures.draw import FORMATS, figures
 from cosim_master.results.storage.run_folder import RunFolder, clear, held_fingerprint, is_figure
 from tests.master.results.test_figures import consensus_run
 
@@ -131,8 +131,8 @@ def test_each_kind_of_input_is_told_apart(system: Path, tmp_path: Path, probes: 
 
 def test_a_run_removes_the_one_before_and_its_figures_only(tmp_path: Path) -> None:
     run = consensus_run(tmp_path / "run", last_step=1)
-    drawn = figures(run)
-    assert drawn
+    drawn = [*figures(run, signals=["drone1.agent.step"], formats=FORMATS)]
+    assert {file.suffix for file in drawn} == {".png", ".svg", ".pdf"}
     digest = hashlib.sha256((run / "signals.parquet").read_bytes()).hexdigest()
     for file in drawn:
         assert f"uav-cosim, signals.parquet sha256 {digest}".encode() in file.read_bytes()
