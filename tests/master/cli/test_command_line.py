@@ -195,8 +195,8 @@ def test_json_of_runs(call: Any, system: Path, tmp_path: Path) -> None:
     }
     assert call("compare", "compare", "out/s", "out/s")["equal"] is True
     consensus_run(tmp_path / "flown", last_step=1)
-    files = call("plot", "plot", "flown")["files"]
-    assert files[:2] == ["flown/positions.png", "flown/positions.svg"]
+    files = call("plot", "plot", "flown", "--signal", "drone1.agent.step")["files"]
+    assert files == ["flown/signals.png", "flown/signals.svg"]
 
 
 MODEL = '''
