@@ -744,8 +744,10 @@ def test_equal_features_share_a_row() -> None:
 
 def test_the_code_uses_every_one() -> None:
     used: set[str] = set()
+    some = re.compile(rf"\b({'|'.join(NAMES.values())})\b")
     for file in Path(cosim_master.__file__).parent.rglob("*.py"):
-        if file.name != "limitations.py":
-            tree = ast.parse(file.read_text(encoding="utf-8"))
+        text = file.read_text(encoding="utf-8")
+        if file.name != "limitations.py" and some.search(text):
+            tree = ast.parse(text)
             used |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     assert {name for one, name in NAMES.items() if one.words} <= used

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import cosim_master
@@ -155,17 +156,20 @@ JUSTIFIED = {
 """Names that are made for models, by the file that may have them, and why."""
 
 
+@cache
 def sources() -> dict[str, str]:
     return {path.relative_to(MASTER).as_posix(): path.read_text("utf-8") for path in sorted(MASTER.rglob("*.py"))}
 
 
 def compared(text: str) -> list[str]:
     """Words of string constants without a space that are no docstrings."""
-    tree = ast.parse(text)
-    documents = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    constants = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in documents]
-    texts = [node.value for node in constants if isinstance(node.value, str) and " " not in node.value]
-    return [word for text in texts for word in re.findall(r"\w+", text)]
+    words, documents = [], set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Expr):  # comes before its value
+            documents.add(id(node.value))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and " " not in node.value:
+            words += [] if id(node) in documents else re.findall(r"\w+", node.value)
+    return words
 
 
 def test_names_made_for_models_stand_nowhere() -> None:
