@@ -64,12 +64,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def film(run: Path) -> Path:
-    """A film that may have 100 pictures."""
+    """A film that may have 50 pictures."""
     file = run.parent / "x.mp4"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mp4, "MOST", 100)
+        patch.setattr(mp4, "MOST", 50)
         (note,) = export_run(run, format_of(file), file, Options())
-    assert note == "100 pictures, 2.5 times real time"
+    assert note == "50 pictures, 5 times real time"
     return file
 
 
@@ -78,7 +78,7 @@ def test_a_film_lasts_a_minute_at_most() -> None:
 
 
 def test_the_drones_are_where_they_were(film: Path) -> None:
-    assert told(film)[:2] == (100, 4.0)
+    assert told(film)[:2] == (50, 2.0)
     colour = np.array(to_rgb(COLOURS[1])) * 255
     rows, columns, count = [], [], 0
     with av.open(str(film)) as opened:
@@ -90,8 +90,8 @@ def test_the_drones_are_where_they_were(film: Path) -> None:
             row, column = np.argwhere(near).mean(axis=0)
             rows.append(row)
             columns.append(column)
-    assert count == 100
-    np.testing.assert_allclose(rows, np.linspace(rows[0], rows[-1], 20), atol=1.0)  # 2 m/s to the north
+    assert count == 50
+    np.testing.assert_allclose(rows, np.linspace(rows[0], rows[-1], 10), atol=1.0)  # 2 m/s to the north
     np.testing.assert_allclose(columns, columns[0], atol=1.0)
     assert rows[0] - rows[-1] > 200
 
@@ -102,7 +102,7 @@ def test_a_browser_plays_it(film: Path, browser: Any) -> None:
     page.wait_for_function("document.querySelector('video').readyState >= 2", timeout=LONG)
     video = "document.querySelector('video')"
     width, height, duration = page.evaluate(f"[{video}.videoWidth, {video}.videoHeight, {video}.duration]")
-    assert (width, height, duration) == (*told(film)[2], 4.0)
+    assert (width, height, duration) == (*told(film)[2], 2.0)
 
 
 def test_a_run_without_positions(tmp_path: Path) -> None:
@@ -113,12 +113,12 @@ def test_a_run_without_positions(tmp_path: Path) -> None:
 
 
 def test_short_runs_are_shown_at_real_time(tmp_path: Path) -> None:
-    run = write_run(tmp_path / "run", flying(["one"], np.arange(201) * 0.01))
+    run = write_run(tmp_path / "run", flying(["one"], np.arange(101) * 0.01))
     for name in ("x.mp4", "x.gif"):
         export_run(run, format_of(Path(name)), tmp_path / name, Options())
-    assert told(tmp_path / "x.mp4")[:2] == (51, 51 / 25)
+    assert told(tmp_path / "x.mp4")[:2] == (26, 26 / 25)
     with Image.open(tmp_path / "x.gif") as animation:
-        assert animation.n_frames == 21
+        assert animation.n_frames == 11
 
 
 def test_one_instant(tmp_path: Path) -> None:
