@@ -72,6 +72,18 @@ def written(run: Path) -> Path:
     return write_report([run])
 
 
+@pytest.fixture(scope="module")
+def evil(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of a run whose names and texts are those of an attacker."""
+    return write_report([evil_run(tmp_path_factory.mktemp("evil") / "run")])
+
+
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages have no figures, which take most of their time."""
+    monkeypatch.setattr("cosim_master.report.page.drawn", lambda _: iter(()))
+
+
 def tables(file: Path) -> dict[str, list[list[str]]]:
     """The cells of each table, by its heading."""
     found: dict[str, list[list[str]]] = {}
@@ -100,6 +112,7 @@ def test_the_tables_have_the_values_of_the_run(written: Path) -> None:
     assert agents["drone3"][0] == "moves" and 5.13 < float(agents["drone3"][4]) < 18.89
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_errors_are_those_of_all_instants(run: Path, tmp_path: Path) -> None:
     """Figures have a few thousand; a peak may be between them."""
     shutil.copytree(run, tmp_path / "run")
@@ -195,6 +208,7 @@ def test_the_commands_repeat_a_run_whose_radio_has_changed(
     assert "settings_before" in " ".join(compare(tmp_path / "c", tmp_path / "plain").causes)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_command_repeats_what_a_person_did(run: Path, tmp_path: Path) -> None:
     """Clicks, and with them the values set; an own step, patterns, a variant; programs cannot be repeated."""
     manifest = json.loads((run / "manifest.json").read_text())
@@ -266,17 +280,15 @@ def test_runs_are_compared(run: Path, tmp_path: Path) -> None:
     assert same[1].note == "The recordings are equal." and not same[1].rows
 
 
-def test_text_of_strangers_stays_text(tmp_path: Path) -> None:
-    file = write_report([evil_run(tmp_path / "run")])
-    text = file.read_text(encoding="utf-8")
+def test_text_of_strangers_stays_text(evil: Path) -> None:
+    text = evil.read_text(encoding="utf-8")
     assert "<script" not in text and "<img src=x" not in text and "\u2028" not in text
     assert "&lt;script&gt;windowhacked=1&lt;/script&gt;" in text
     assert re.search(r"content=\"default-src 'none'; style-src 'sha256-[^']+'; img-src data:;", text)
-    assert EVIL.replace(".", "")[:20] in lxml_html.parse(file).getroot().text_content()
+    assert EVIL.replace(".", "")[:20] in lxml_html.parse(evil).getroot().text_content()
 
 
-def test_a_browser_shows_it_without_a_network(written: Path, browser: Any, tmp_path: Path) -> None:
-    evil = write_report([evil_run(tmp_path / "run")])
+def test_a_browser_shows_it_without_a_network(written: Path, evil: Path, browser: Any) -> None:
     for file in (written, evil):
         page = browser.new_page()
         said: list[str] = []
