@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Sequence
-from itertools import combinations, pairwise
+from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -245,13 +245,11 @@ def test_limits_of_a_system(workshop: Workshop) -> None:
 
 def brute_force(times: Any, points: Any) -> dict[tuple[int, int], float]:
     """The least distance of each pair, between looks on straight lines: minimum of a parabola, sampled finely too."""
-    found = {}
+    found, fine = {}, np.linspace(0.0, 1.0, 201)[:, None]
     for a, b in combinations(range(points.shape[1]), 2):
         apart = points[:, a] - points[:, b]
-        fine = np.linspace(0.0, 1.0, 201)[:, None]
-        found[a, b] = min(
-            float(np.linalg.norm(start + fine * (end - start), axis=1).min()) for start, end in pairwise(apart)
-        )
+        between = apart[:-1, None] + fine * np.diff(apart, axis=0)[:, None]
+        found[a, b] = float(np.sqrt(np.einsum("ijk,ijk->ij", between, between).min()))
     return found
 
 
