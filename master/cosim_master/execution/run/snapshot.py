@@ -66,7 +66,7 @@ class Snapshot:
         for name, view in changing(state.plan, ROLES, (STATE, PASSING)).items():
             view[...] = self._arrays[name]
         state.plan.shared[FAULTS] = 0
-        state.radio = _copy(self._radio)
+        state.radio = _restored(state.radio, self._radio)
         state.texts.outputs |= self._texts
         state.event_mode.events.restore(self._events)
 
@@ -78,5 +78,19 @@ class Snapshot:
 
 def _copy(radio: Radio) -> Radio:
     """Returns the radio with copies of the arrays that change (whole tables: they are small)."""
-    names = {name.partition(".")[0] for name in changing(radio, RADIO_ROLES, (STATE, PASSING))}
-    return radio._replace(**{name: getattr(radio, name).copy() for name in names})
+    return radio._replace(**{name: getattr(radio, name).copy() for name in _changing(radio)})
+
+
+def _restored(radio: Radio, saved: Radio) -> Radio:
+    """Returns a radio like the saved one: `radio` itself unless it has grown, as kernels know its tables already."""
+    names = _changing(saved)
+    for name, now, then in zip(Radio._fields, radio, saved, strict=True):
+        if now.shape != then.shape if name in names else now is not then:
+            return _copy(saved)
+    for name in names:
+        getattr(radio, name)[...] = getattr(saved, name)
+    return radio
+
+
+def _changing(radio: Radio) -> set[str]:
+    return {name.partition(".")[0] for name in changing(radio, RADIO_ROLES, (STATE, PASSING))}
