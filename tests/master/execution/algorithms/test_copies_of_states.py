@@ -7,14 +7,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.execution.algorithms import fixed_step
 from cosim_master.execution.execution import Execution
 from cosim_master.execution.options import RunOptions
+from cosim_master.execution.run.snapshot import Snapshot
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.slaves.fmi2 import Library
+from cosim_master.network.radio.build import grown
+from cosim_master.network.radio.tables import ROLES, Radio
 from cosim_master.stepping.layout import make_layout
 from cosim_master.stepping.observation import Rows, Seen
 from cosim_master.system.flatten.check import check
@@ -97,3 +101,39 @@ def test_rows_that_were_handed_over_are_not_taken_back(stricts: Any, monkeypatch
             execution.blocks.complete()
     assert seen == [0.0, 0.5, 1.0, 1.5, 2.0]
     assert stricts.complaints == []
+
+
+def test_packets_are_taken_back(fmus: Path) -> None:
+    """Also those for which the radio has grown since; otherwise, it keeps its tables."""
+    with read_system(ROOT / "master" / "systems" / "line5-points") as structure:
+        checked = check(structure)
+        clock, network = time_grid(checked), network_of(checked, None)
+        with Execution(checked, clock, make_layout(checked, network), network) as execution:
+            execution.advance(100)
+            copy = Snapshot(execution.state)
+            copy.save()
+            radio = execution.state.radio
+            wanted = [array.copy() for array in radio]
+            execution.advance(300)
+            assert changed(radio, wanted) >= {"counters", "endpoints"}
+            copy.restore()
+            assert execution.state.radio is radio
+            assert not changed(radio, wanted) & CHANGING
+            execution.state.radio = grown(radio, 100)
+            copy.restore()
+            assert not changed(execution.state.radio, wanted) & CHANGING
+            radio.counters[:] = 7  # the copy is not the radio
+            execution.state.radio.counters[:] = 7
+            copy.restore()
+            assert not changed(execution.state.radio, wanted) & CHANGING
+            copy.close()
+
+
+CHANGING = {name for name, role in ROLES.items() if role in ("state", "passing")}
+
+
+def changed(radio: Radio, wanted: list[Any]) -> set[str]:
+    """Names of the arrays that differ."""
+    return {
+        name for name, one, other in zip(radio._fields, radio, wanted, strict=True) if not np.array_equal(one, other)
+    }
