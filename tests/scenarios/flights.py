@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -67,3 +70,11 @@ def fly(system: Path, out: Path, **options: Any) -> Flight:
     assert result.outcome == "done"
     table = pq.read_table(out / "signals.parquet")
     return Flight(result, out, {name: table[name].to_numpy() for name in table.column_names})
+
+
+@cache
+def plain_line() -> Flight:
+    """The flight of `line5` as it is, once in a process; the FMUs must have been built."""
+    folder = tempfile.TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    return fly(SYSTEMS / "line5", Path(folder.name) / "line5")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -14,7 +15,7 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.system.authoring.swarm.new import new_system
 from cosim_models.agents.kit import Task
 from tests.master.parts import run_in_parts
-from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
+from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly, plain_line
 
 STARTS = (0.0, 10.0, 20.0, 50.0, 100.0)
 EPSILON = 1.0 / 3.0
@@ -65,9 +66,9 @@ def test_its_targets_are_those_of_the_law(line: Flight) -> None:
             assert line[f"drone{i}.vehicle.target"][row] == pytest.approx(wanted, abs=0.02 + 0.2 * speed)
 
 
-def test_it_is_where_the_line_of_three_fmus_is(line: Flight, fmus: Path, tmp_path: Path) -> None:
+def test_it_is_where_the_line_of_three_fmus_is(line: Flight) -> None:
     """Quadrotors with ArduCopter's control, which lean first: behind by half a metre after a way of 6.7 m."""
-    other = fly(SYSTEMS / "line5", tmp_path)
+    other = plain_line()
     for step in (2, 3, 9, 16):
         mine, its = line.end_of_step(step, "drone3.vehicle"), other.end_of_step(step)
         assert line["time"][mine] - other["time"][its] == pytest.approx(0.0, abs=0.02)
@@ -126,12 +127,16 @@ def test_the_flock_keeps_its_distance_and_passes_the_obstacle(fmus: Path, tmp_pa
 
 
 def test_a_larger_line_in_threads_and_parts_has_the_same_bits(fmus: Path, tmp_path: Path) -> None:
+    """The law begins as soon as they hover; it has come to its second step."""
     system = new_system("line5-points", 24, tmp_path / "line24", layout="line")
-    whole = fly(system, tmp_path / "a", until=45.0, threads=1, record=("*",))
+    options: dict[str, Any] = {"until": 15.0, "record": ("*",)}
+    options["overrides"] = {"drone*.vehicle.first_step_time": "10.5"}
+    whole = fly(system, tmp_path / "a", threads=1, **options)
     assert verdict(whole)["good"] is True
-    assert {whole[f"drone{i}.vehicle.state"][-1] for i in range(1, 25)} == {Task.flying}
-    fly(system, tmp_path / "b", until=45.0, threads=2, record=("*",))
-    result, errors = run_in_parts(system, RunOptions(out=tmp_path / "c", until=45.0, record=("*",)), 3)
+    for i in range(1, 25):
+        assert (whole[f"drone{i}.vehicle.state"][-1], whole[f"drone{i}.vehicle.step"][-1]) == (Task.flying, 2)
+    fly(system, tmp_path / "b", threads=2, **options)
+    result, errors = run_in_parts(system, RunOptions(out=tmp_path / "c", **options), 3)
     assert (result.outcome, errors) == ("done", [])
     for file in ("signals", "packets"):
         first, *others = (pq.read_table(tmp_path / out / f"{file}.parquet") for out in "abc")
