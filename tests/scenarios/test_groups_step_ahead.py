@@ -86,11 +86,11 @@ def test_checkpoints_are_the_same(
 ) -> None:
     """A run that goes on from a checkpoint between two windows of 9 base steps of 2.5 ms has the same future."""
     together(monkeypatch, groups=False)
-    simulate(line, RunOptions(out=tmp_path / "whole", checkpoint_every=0.7))
+    simulate(line, RunOptions(out=tmp_path / "whole", checkpoint_every=2.1))
     together(monkeypatch, groups=True)
-    simulate(line, RunOptions(out=tmp_path / "half", checkpoint_every=0.7, threads=2))
+    simulate(line, RunOptions(out=tmp_path / "half", checkpoint_every=2.1, threads=2))
     simulate(
-        line, RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'half'}@2.1", checkpoint_every=0.7, threads=2)
+        line, RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'half'}@2.1", checkpoint_every=2.1, threads=2)
     )
     assert windows == [(0, 0), (DRONES, 9), (DRONES, 9)]
     whole, rest = files(tmp_path / "whole"), files(tmp_path / "rest")
