@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from cosim_master.system.authoring.swap import swap
-from tests.scenarios.flights import SYSTEMS, fly
+from tests.scenarios.flights import SYSTEMS, fly, plain_line
 
 
 def test_a_hexarotor_takes_the_place_of_a_quadrotor(fmus: Path, tmp_path: Path) -> None:
     swapped = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / "Hexarotor.fmu", tmp_path / "swapped")
     flight = fly(swapped, tmp_path / "out")
-    plain = fly(SYSTEMS / "line5", tmp_path / "plain")
+    plain = plain_line()
     assert [flight.east(drone)[-1] for drone in range(1, 6)] == pytest.approx([0, 25, 50, 75, 100], abs=1.0)
     motors = [np.abs(flight[f"drone3.autopilot.motor[{i}]"]).max() for i in range(1, 9)]
     assert all(m > 0.3 for m in motors[:6])

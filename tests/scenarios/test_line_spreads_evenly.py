@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.scenarios.flights import SYSTEMS, Flight, fly
+from tests.scenarios.flights import Flight, plain_line
 
 EAST_AT_STEP = {1: (10.0, 20.0, 50.0), 9: (21.4, 44.9, 71.4), 17: (24.4, 49.1, 74.4)}
 
 
 @pytest.fixture(scope="module")
-def flight(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Flight:
-    return fly(SYSTEMS / "line5", tmp_path_factory.mktemp("line5"))
+def flight(fmus: Path) -> Flight:
+    return plain_line()
 
 
 @pytest.mark.parametrize(("step", "tolerance"), [(1, 0.5), (9, 1.0), (17, 0.5)])

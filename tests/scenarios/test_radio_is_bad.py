@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.scenarios.flights import SYSTEMS, copy_of, fly
+from tests.scenarios.flights import copy_of, fly, plain_line
 
 
 def with_radio(text: str, attributes: str, inside: str = "") -> str:
@@ -23,7 +23,7 @@ def with_radio(text: str, attributes: str, inside: str = "") -> str:
 
 def test_a_fifth_lost_and_a_fifth_of_a_second_late_hardly_matter(fmus: Path, tmp_path: Path) -> None:
     bad = copy_of("line5", tmp_path, fmus, lambda text: with_radio(text, 'loss="0.2" latency="0.2"'))
-    flight, plain = fly(bad, tmp_path / "bad"), fly(SYSTEMS / "line5", tmp_path / "plain")
+    flight, plain = fly(bad, tmp_path / "bad"), plain_line()
     row = plain.end_of_step(17)
     assert flight.end_of_step(17) == row
     for drone in (2, 3, 4):
