@@ -300,14 +300,14 @@ def test_good_new_system_says_nothing(
     shape: str, drones: int, until: float, line: Callable[..., Path], tmp_path: Path
 ) -> None:
     """With 260 drones system ids repeat, out of earshot."""
-    run = Run(line(drones, shape=shape), tmp_path, until=until)
+    run = Run(line(drones, shape=shape), tmp_path, until=until, record=["drone1.vehicle.*"])
     assert run.verdict.findings == ()
     assert run.verdict.good
 
 
 def test_branch_is_judged_with_what_was_before_it(line: Callable[..., Path], tmp_path: Path) -> None:
     system = line(3)
-    Run(system, tmp_path / "run", until=30.0, checkpoint_every=20.0)
+    Run(system, tmp_path / "run", until=30.0, checkpoint_every=20.0, record=["*.position*"])
     heavy = Run(
         system, tmp_path / "branch", origin=f"{tmp_path / 'run'}@20", overrides={"drone2.autopilot.MOT_SPIN_MAX": "0.3"}
     )
@@ -320,7 +320,7 @@ def test_branch_is_judged_with_what_was_before_it(line: Callable[..., Path], tmp
 def test_run_that_goes_on_is_judged_as_one_that_never_stopped(at: float, failing: Run, tmp_path: Path) -> None:
     """What had failed before the checkpoint counts, and what was under way goes on."""
     weak = [(26.0, "drone8.autopilot.MOT_SPIN_MAX", "0.3")]
-    options: dict[str, Any] = {"at": weak, "until": 32.0}
+    options: dict[str, Any] = {"at": weak, "until": 32.0, "record": ["*.position*"]}
     Run(failing.system, tmp_path / "run", overrides=FAILING, checkpoint_every=at, **options)
     on = Run(failing.system, tmp_path / "on", origin=f"{tmp_path / 'run'}@{at:g}", **options)
     assert on.written == failing.written
