@@ -50,7 +50,7 @@ def flown(system: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[s
         folder = out / (relays.replace("*", "all") or "none")
         if not folder.exists():
             overrides = {"network.relays": relays} if relays else {}
-            simulate(system, RunOptions(out=folder, overrides=overrides))
+            simulate(system, RunOptions(out=folder, overrides=overrides, record=["*.position*"]))
         return folder
 
     return fly
@@ -115,7 +115,7 @@ def test_the_age_of_a_relayed_packet_counts_from_its_origin(fmus: Path, tmp_path
         return re.sub(r"<network [^>]*/>", new, text).replace("</ssd:Annotations>", f"{note}</ssd:Annotations>", 1)
 
     system = copy_of("tracking", tmp_path, fmus, line)
-    result = simulate(system, RunOptions(out=tmp_path / "out", until=24.0, overrides={"network.relays": "*"}))
+    result = simulate(system, RunOptions(out=tmp_path / "out", until=24.0, overrides={"network.relays": "*"}, record=["*.position*"]))
     assert result.outcome == "done"
     found = json.loads((tmp_path / "out/manifest.json").read_text())["verdict"]["monitors"]
     counts = {one["name"]: one["count"] for one in found}
