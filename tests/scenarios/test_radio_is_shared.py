@@ -49,9 +49,10 @@ def test_with_all_effects_a_run_is_the_same_whatever_the_threads_and_when_it_is_
         assert result.outcome == "done"
         return result
 
-    whole = ran("whole", until=12.0, threads=1, checkpoint_every=4.0)
-    ran("threads", until=12.0, threads=2, checkpoint_every=4.0)
-    ran("rest", origin=f"{tmp_path / 'whole'}@8", until=12.0, checkpoint_every=4.0)
+    options = {"until": 10.0, "checkpoint_every": 6.0, "record": ["*.position*"]}
+    whole = ran("whole", threads=1, **options)
+    ran("threads", threads=2, **options)
+    ran("rest", origin=f"{tmp_path / 'whole'}@6", **options)
     for name in RECORDED:
         expected = (tmp_path / "whole" / name).read_bytes()
         assert (tmp_path / "threads" / name).read_bytes() == expected, name
