@@ -192,11 +192,14 @@ def test_a_monitor_that_ends_the_run_changes_neither_the_others_nor_how_often_th
 @pytest.mark.slow
 def test_a_checkpoint_between_two_looks_changes_no_verdict(variants: dict[str, Path], tmp_path: Path) -> None:
     """Distances are those of straight ways from look to look; packets are heard between them."""
-    options: dict[str, Any] = {"overrides": {"network.loss": "0.5"}, "until": 40.0}
+    options: dict[str, Any] = {"overrides": {"network.loss": "0.5"}, "until": 40.0, "record": ["*.position*"]}
     whole = simulate(variants["seldom"], RunOptions(out=tmp_path / "whole", checkpoint_every=7.0, **options))
     assert whole.verdict is not None
     distances, ages = whole.verdict.monitors
     assert distances["count"] >= 6 and ages["count"] >= 2
     for time in (28, 35):
-        rest = simulate(variants["seldom"], RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'whole'}@{time}"))
+        rest = simulate(
+            variants["seldom"],
+            RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'whole'}@{time}", record=["*.position*"]),
+        )
         assert rest.verdict is not None and [*rest.verdict.monitors] == [distances, ages]

@@ -115,7 +115,9 @@ def test_the_age_of_a_relayed_packet_counts_from_its_origin(fmus: Path, tmp_path
         return re.sub(r"<network [^>]*/>", new, text).replace("</ssd:Annotations>", f"{note}</ssd:Annotations>", 1)
 
     system = copy_of("tracking", tmp_path, fmus, line)
-    result = simulate(system, RunOptions(out=tmp_path / "out", until=24.0, overrides={"network.relays": "*"}, record=["*.position*"]))
+    result = simulate(
+        system, RunOptions(out=tmp_path / "out", until=24.0, overrides={"network.relays": "*"}, record=["*.position*"])
+    )
     assert result.outcome == "done"
     found = json.loads((tmp_path / "out/manifest.json").read_text())["verdict"]["monitors"]
     counts = {one["name"]: one["count"] for one in found}
