@@ -14,7 +14,9 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import fmpy
 import numpy as np
@@ -85,6 +87,12 @@ def flights(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, F
     return made
 
 
+@cache
+def known_to_fmpy(file: Path) -> Any:
+    """The description of an FMU as FMPy reads it."""
+    return fmpy.read_model_description(str(file), validate=False)
+
+
 def by_fmpy(flight: Flight) -> np.ndarray:
     step = flight.step
     found = fmpy.simulate_fmu(
@@ -95,6 +103,7 @@ def by_fmpy(flight: Flight) -> np.ndarray:
         output=flight.outputs,
         fmi_type="CoSimulation",
         validate=False,
+        model_description=known_to_fmpy(flight.file),
     )
     return np.array([found[name][1:] for name in flight.outputs]).T
 
@@ -149,7 +158,7 @@ def test_every_build_of_fmi_2_gives_our_trajectory(engine: str, flights: dict[st
 
 def with_a_last_step(flight: Flight, folder: Path) -> tuple[np.ndarray, np.ndarray]:
     """The outputs before and after a last step of 1e-13 s, by FMPy."""
-    description = fmpy.read_model_description(str(flight.file), validate=False)
+    description = known_to_fmpy(flight.file)
     of = {v.name: v.valueReference for v in description.modelVariables}
     slave = FMU2Slave(
         guid=description.guid,
