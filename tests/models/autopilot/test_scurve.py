@@ -35,6 +35,13 @@ def leg(
     return row
 
 
+def farthest(
+    values: np.ndarray[tuple[int], np.dtype[np.float64]], others: np.ndarray[tuple[int], np.dtype[np.float64]]
+) -> float:
+    """The greatest difference; `pytest.approx` takes a hundred times as long for thousands of numbers."""
+    return float(np.abs(values - others).max())
+
+
 @pytest.mark.parametrize("length", [0.02, 0.3, 1.0, 2.0, 5.0, 20.0, 40.0, 80.0, 200.0, 1000.0])
 @pytest.mark.parametrize(("jerk", "snap"), [(JERK, SNAP), (5.0, 20.0), (20.0, 100.0)])
 def test_motion_keeps_its_limits_and_ends_at_rest(length: float, jerk: float, snap: float) -> None:
@@ -44,14 +51,14 @@ def test_motion_keeps_its_limits_and_ends_at_rest(length: float, jerk: float, sn
     assert (s[0], v[0], a[0]) == (0.0, 0.0, 0.0)
     assert along_leg(row, row[DURATION] - 1e-9) == pytest.approx((0.0, 0.0, length), abs=1e-6)
     scale = max(float(np.abs(a).max()), 1e-6)
-    assert cumulative_trapezoid(a, t, initial=0.0) == pytest.approx(v, abs=1e-5 * scale * t[-1])
-    assert cumulative_trapezoid(v, t, initial=0.0) == pytest.approx(s, abs=1e-5 * max(length, 0.1))
+    assert farthest(cumulative_trapezoid(a, t, initial=0.0), v) <= 1e-5 * scale * t[-1]
+    assert farthest(cumulative_trapezoid(v, t, initial=0.0), s) <= 1e-5 * max(length, 0.1)
     js = np.gradient(a, t)
     assert v.max() <= 10.0 * (1 + 1e-9)
     assert np.abs(a).max() <= 2.5 * (1 + 1e-9)
     assert np.abs(js).max() <= jerk * (1 + 1e-6)
     assert np.abs(np.gradient(js, t)).max() <= snap * 1.02
-    assert a[::-1] == pytest.approx(-a, abs=1e-6)
+    assert farthest(a[::-1], -a) <= 1e-6
 
 
 @pytest.mark.parametrize("length", [200.0, 1000.0])
@@ -110,8 +117,8 @@ def test_legs_begin_and_end_at_speeds(length: float, begin: float, end: float) -
     a, v, s = np.array([along_leg(row, float(x)) for x in t]).T
     assert v[0] == row[BEGIN] == pytest.approx(min(begin, fastest))
     assert (v[-1], s[-1]) == (row[END], pytest.approx(length))
-    assert cumulative_trapezoid(a, t, initial=0.0) + v[0] == pytest.approx(v, abs=1e-5 * max(float(v.max()), 1.0))
-    assert cumulative_trapezoid(v, t, initial=0.0) == pytest.approx(s, abs=1e-5 * max(length, 1.0))
+    assert farthest(cumulative_trapezoid(a, t, initial=0.0) + v[0], v) <= 1e-5 * max(float(v.max()), 1.0)
+    assert farthest(cumulative_trapezoid(v, t, initial=0.0), s) <= 1e-5 * max(length, 1.0)
     assert v.max() <= fastest * (1 + 1e-9)
     assert np.abs(a).max() <= 2.5 * (1 + 1e-9)
     assert np.abs(np.gradient(a, t)).max() <= JERK * (1 + 1e-6)
