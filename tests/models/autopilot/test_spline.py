@@ -58,9 +58,9 @@ def test_curves_are_hermites_and_are_flown_within_limits(end: Any, directions: A
     longest, length = np.linalg.norm(first) + np.linalg.norm(then), float(np.linalg.norm(end))
     scale = min(1.0, 4.0 * length / longest) if longest else 1.0
     exact = CubicHermiteSpline([0.0, 1.0], [origin, place], [scale * first, scale * then])
-    x = np.linspace(0.0, 1.0, 20001)
+    curve = exact(np.linspace(0.0, 1.0, 20001))
     places, velocities = followed(row, min(float(row[FIRST_SPEED]), 1.0))
-    gaps = np.array([np.linalg.norm(exact(x) - p, axis=1).min() for p in places[::7]])
+    gaps = np.array([np.linalg.norm(curve - p, axis=1).min() for p in places[::7]])
     assert gaps.max() < 1e-2
     assert np.linalg.norm(places[-1] - place) < 0.05
     speeds = np.linalg.norm(velocities, axis=1)
