@@ -48,7 +48,7 @@ def test_the_induced_velocity_is_that_of_momentum_theory() -> None:
 @pytest.mark.parametrize("depth", [3.0, 8.0, 20.0, 50.0])
 def test_the_wake_carries_the_thrust_away(depth: float) -> None:
     """The flux of momentum through a plane, rho u^2 dA, is the thrust times (1 + z / sqrt(z^2 + R^2))^2 / 4."""
-    r = np.linspace(0.0, 400.0 * RADIUS, 400_001)
+    r = np.linspace(0.0, 400.0 * RADIUS, 40_001)
     u = np.array([wake_velocity(depth * RADIUS, x, THRUST, AREA) for x in r])
     flux = AIR_DENSITY * np.trapezoid(u * u * 2.0 * np.pi * r, r)
     near = (1.0 + depth / math.sqrt(depth * depth + 1.0)) ** 2 / 4.0
