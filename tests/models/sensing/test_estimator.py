@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from cosim.random_numbers import normal_pair, threefry
 from cosim_models.sensing.estimator import Estimator
 from tests.models.copter import MOTION, Copter, H, set_values
-from tests.models.shipped_kernels import kernels
+from tests.models.shipped_kernels import kernels, part
 
 PERFECT = {
     f"{sensor}_{what}": 0.0
@@ -36,6 +36,7 @@ class Estimated(Copter):
         if not hasattr(self, "e"):
             self.e = Estimator.record()
             set_values(self.e, self.estimates)
+            self._both_errors = [part(self.e, f"{name}_error") for name in ("position", "attitude")]
             self._truth = [(self.e[f"true_{name}"], self.v[name]) for name in MOTION]
             self._pairs = [(self.m[name], self.e[name]) for name in MOTION]
             self.e["true_airframe"] = self.v["airframe"]
@@ -51,7 +52,7 @@ class Estimated(Copter):
     def tick(self) -> None:
         super().tick()  # the estimator has its inputs from the begin of this step
         assert kernels(Estimator)[1](self.e, (self.step - 1) * H, H) == 0
-        self.errors.append((self.time, float(self.e["position_error"]), float(self.e["attitude_error"])))
+        self.errors.append((self.time, *(float(error[0]) for error in self._both_errors)))
 
     def worst(self, since: float = 0.0) -> tuple[float, float]:
         """Greatest error of place [m] and attitude [deg] since a time."""
@@ -216,11 +217,12 @@ def at_rest(seconds: float, **values: Any) -> tuple[Any, np.ndarray]:
     set_values(record, PERFECT | values)
     start, advance = kernels(Estimator)
     assert start(record) == 0
-    rows, fixes, last = [], 0, int(record["fix_next"])
+    place, (error, fix) = part(record, "position"), (part(record, name) for name in ("attitude_error", "fix_next"))
+    rows, fixes, last = [], 0, int(fix[0])
     for k in range(round(seconds / H)):
         assert advance(record, k * H, H) == 0
-        fixes, last = fixes + (int(record["fix_next"]) != last), int(record["fix_next"])
-        rows.append((*record["position"], float(record["attitude_error"]), fixes))
+        fixes, last = fixes + (int(fix[0]) != last), int(fix[0])
+        rows.append((*place, float(error[0]), fixes))
     return record, np.array(rows)
 
 
