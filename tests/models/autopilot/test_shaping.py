@@ -141,7 +141,7 @@ class Line:
 @settings(deadline=None, max_examples=40)
 @given(st.floats(-80.0, 80.0), st.floats(-4.0, 4.0), st.floats(1.0, 8.0))
 def test_the_position_shaper_keeps_its_limits_and_arrives(target: float, start_speed: float, v_max: float) -> None:
-    path = Line(0.0, start_speed).go(target, 5.0 + 2.0 * (abs(target) + 8.0) / v_max + 20.0, v_max)
+    path = Line(0.0, start_speed).go(target, (abs(target) + 8.0) / v_max + 15.0, v_max)
     p, v, a = path.T
     assert np.abs(a).max() <= 2.5 + 1e-9
     assert np.abs(np.diff(a)).max() <= 5.0 * H + 1e-9
@@ -161,7 +161,7 @@ def test_the_position_shaper_takes_little_more_time_than_the_fastest_way() -> No
 @given(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 def test_the_shaper_in_the_plane_keeps_its_limits_and_arrives(n: float, e: float, vn: float, ve: float) -> None:
     pn, pe, an, ae = 0.0, 0.0, 0.0, 0.0
-    for _ in range(round(30.0 / H)):
+    for _ in range(round(20.0 / H)):
         pn, pe, vn, ve = advance_limited_ne(pn, pe, vn, ve, an, ae, H, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         last = an, ae
         an, ae = shape_position_ne(n, e, 0.0, 0.0, 0.0, 0.0, pn, pe, vn, ve, an, ae, 10.0, 2.5, 5.0, H, False)
