@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 __all__ = ["Forked", "forking_after"]
 
 _PROGRAM = """
-import gc, json, os, sys, threading
+import atexit, ctypes, gc, json, os, sys, threading
 
 out, err, before = sys.argv[1:]
 exec(before)
@@ -42,6 +42,13 @@ sys.dont_write_bytecode = True  # modules of a test change within the second tha
 sys.path[1:1] = job["paths"]
 sys.argv = ["-c", *job["arguments"]]
 exec(compile(job["program"], "<string>", "exec"), {"__name__": "__main__"})
+# Ends as Python does, except that Python also takes all modules apart: the system would copy all memory for that.
+threading._shutdown()
+atexit._run_exitfuncs()
+sys.stdout.flush()
+sys.stderr.flush()
+ctypes.CDLL(None).fflush(None)
+os._exit(0)
 """
 
 
