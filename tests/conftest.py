@@ -166,10 +166,8 @@ def _install(folder: Path, site: Path) -> None:
     for path in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "cosim", "models", "master"):
         (source / path).parent.mkdir(parents=True, exist_ok=True)
         subprocess.run(["cp", "-r", ROOT / path, source / path], check=True)
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    subprocess.run(
-        [*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", folder, source], check=True, capture_output=True
-    )
+    build = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"  # as pip does
+    subprocess.run([sys.executable, "-c", build, folder], cwd=source, check=True, capture_output=True)
     (wheel,) = folder.glob("*.whl")
     assert wheel.name.endswith("-py3-none-any.whl")
     with zipfile.ZipFile(wheel) as archive:
