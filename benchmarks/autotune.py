@@ -29,6 +29,7 @@ from benchmarks.report import machine, show, write
 from tests.models.copter import ACCEPTED, RECORDED_AUTOPILOT, Copter, H, preset
 from tests.models.pilot import override
 from tests.models.real_copter import READY, RealCopter
+from tests.models.shipped_kernels import part
 
 ALT_HOLD, LOITER, AUTOTUNE = 2, 5, 15
 AXES = ("roll", "pitch", "yaw (E)", "yaw (D)")
@@ -102,15 +103,17 @@ def _measured(m: Any, t: float) -> tuple[float, ...]:
 def fly_ours(copter: Copter) -> Tune:
     """Flies ours, which is in AUTOTUNE, until the tune has ended, with centred sticks."""
     tune, m, step, begin = Tune(), copter.m, 0, copter.time
-    while m["tune_stage"] == 1 and copter.time - begin < LONGEST:
+    stage, at = part(m, "tune_stage"), part(m, "tune_step")
+    while stage[0] == 1 and copter.time - begin < LONGEST:
         if copter.step % 200 == 0:
             override(copter, *CENTRED)
         copter.tick()
-        if m["tune_step"] == 1 != step:
+        now = int(at[0])
+        if now == 1 != step:
             tune.twitches += 1
-        elif m["tune_step"] == 2 != step:
+        elif now == 2 != step:
             tune.rows.append(_measured(m, copter.time - begin))
-        step = int(m["tune_step"])
+        step = now
     tune.duration = copter.time - begin
     copter.run(2 * H)
     tune.texts = [(message.severity, message.text) for message in copter.messages("STATUSTEXT")]

@@ -48,9 +48,9 @@ OLD = list(BEFORE.values())
 CENTRED = (1500, 1500, 1500, 1500)
 
 
-def in_autotune(axes: int = 1, mode: int = ALT_HOLD, **autopilot: Any) -> Copter:
+def in_autotune(axes: int = 1, mode: int = ALT_HOLD, model: type[Copter] = Copter, **autopilot: Any) -> Copter:
     """Tuning in the air, sticks centred by an override."""
-    copter = begun(axes, mode, autopilot=autopilot)
+    copter = begun(axes, mode, model, autopilot=autopilot)
     copter.heard.clear()
     return copter
 
@@ -180,7 +180,7 @@ class Roll:
 
 @pytest.fixture(scope="module")
 def roll() -> Roll:
-    copter = in_autotune()
+    copter = in_autotune(model=Delayed)
     tune = fly_ours(copter)
     assert gains(copter) == OLD  # the pilot lands with them
     records = copter.v.copy(), copter.m.copy()
