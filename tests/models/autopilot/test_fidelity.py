@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import fidelity, ladder, record, repeats
 from benchmarks.fidelity import compare, fly
-from benchmarks.flights import body_of, kind_of, read
+from benchmarks.flights import Flight, body_of, kind_of, read
 from benchmarks.record import parse
 from tests.models.copter import GUIDED, LAND, RECORDED_AUTOPILOT, RECORDINGS, Copter, preset
 
@@ -50,10 +51,16 @@ FAITHFUL = {
 """Flights, and the rms [m] of the distance from ArduCopter that a change of ours must not exceed."""
 
 
+@cache
+def recorded_as(name: str) -> Flight:
+    """One of the recorded flights, read once."""
+    return read(RECORDINGS / f"{name}.csv.gz")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAITHFUL)
 def test_flights_beside_the_real_one(name: str) -> None:
-    flight = read(RECORDINGS / f"{name}.csv.gz")
+    flight = recorded_as(name)
     found = compare(flight, fly(flight, {}))
     assert found["rms"][1] < FAITHFUL[name]
     for figure in ("t50", "t90", "s50", "s90", "to 5 m", "vmax"):
@@ -66,7 +73,7 @@ def test_flights_beside_the_real_one(name: str) -> None:
 @pytest.mark.parametrize("name", ["json_30_0_0", "json_-30_0_0_at_5", "json_0_-10_4_at_2", "json_5_5_-4", "json_0_0_5"])
 def test_moves_that_nothing_was_adjusted_to(name: str) -> None:
     """Long, diagonal, up and down, and with DO_CHANGE_SPEED; recorded with `benchmarks.record`."""
-    flight = read(RECORDINGS / f"{name}.csv.gz")
+    flight = recorded_as(name)
     found = compare(flight, fly(flight, {}))
     for figure in ("t50", "t90", "vmax"):
         theirs, ours = found[figure]
@@ -196,7 +203,7 @@ def test_where_home_was() -> None:
 
 
 def test_which_flights_err() -> None:
-    low, weak, rtl = (read(RECORDINGS / f"x_{name}.csv.gz") for name in ("battery_low", "weak_motor", "rtl"))
+    low, weak, rtl = (recorded_as(f"x_{name}") for name in ("battery_low", "weak_motor", "rtl"))
     assert fidelity.errs(low, False) and fidelity.errs(rtl, False)
     assert not fidelity.errs(weak, False)
     assert not fidelity.errs(rtl, True)
@@ -279,7 +286,7 @@ def test_every_flight_of_the_list_is_of_a_known_kind() -> None:
     kinds = {kind_of(head) for head in flights.values()}
     assert kinds == {"take-off", "move", "set-point", "mode", "mission", "failure"}
     for path in RECORDINGS.glob("*.csv.gz"):
-        assert read(path).kind in kinds
+        assert recorded_as(path.name.removesuffix(".csv.gz")).kind in kinds
 
 
 @pytest.mark.parametrize(
@@ -364,7 +371,7 @@ def test_every_command_of_a_recorded_flight_is_flown(
 
 
 def test_verdicts() -> None:
-    flight = read(RECORDINGS / "json_0_0_5.csv.gz")
+    flight = recorded_as("json_0_0_5")
     for theirs, mine, expected in (
         (10.0, 10.5, "ok"),
         (10.0, 10.6, "differs"),
@@ -409,8 +416,18 @@ def test_how_far_recordings_are_from_each_other(tmp_path: Path, capsys: pytest.C
     assert found["figures"]["farthest away"] == [10.0, 11.0, 10.0]
 
 
-def test_recordings_of_the_same_flights_are_gathered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A folder that holds the project's own recording adds none; one that was flown otherwise does."""
+def test_recordings_of_the_same_flights_are_gathered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A folder that holds the project's own recording adds none; one that was flown otherwise does.
+
+    Three of the project's recordings, of which two were flown once only.
+    """
+    names = ("json_0_0_5", "x_up_3m", "x_land")
+    (own := tmp_path / "own").mkdir()
+    for name in names:
+        (own / f"{name}.csv.gz").symlink_to(RECORDINGS / f"{name}.csv.gz")
+    monkeypatch.setattr(repeats, "RECORDINGS", own)
     first = RECORDINGS / "x_up_3m.csv.gz"
     lines = gzip.decompress(first.read_bytes()).decode().splitlines()
     for name, shift in (("same", 0.0), ("other", 0.02)):
@@ -487,7 +504,7 @@ def test_what_is_known_of_repetitions() -> None:
     """Eight flights were recorded nine times: ours is as near to one of them as is asked, not so to all."""
     known = json.loads(fidelity.REPEATS.read_text())
     for name, found in known.items():
-        flight = read(RECORDINGS / f"{name}.csv.gz")
+        flight = recorded_as(name)
         first = fidelity.figures_of(flight)
         assert set(found["figures"]) == set(first)
         for figure, values in found["figures"].items():
