@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -134,17 +134,49 @@ def elf_symbols(data: bytes) -> tuple[set[str], set[str]]:
 # -- the same numbers -----------------------------------------------------------------------------------------------
 
 
+PLAIN_PYTHON = """
+import importlib, runpy, sys
+import numpy as np
+drive = runpy.run_path(sys.argv[1])["drive_record"]
+for line in sys.stdin:
+    module, name, file = line.split("\\t")
+    np.save(file.rstrip("\\n"), drive(getattr(importlib.import_module(module), name), 60))
+    print(name, flush=True)
+"""
+"""Drives models, one a line, whose kernels are plain Python."""
+
+
+@pytest.fixture(scope="module")
+def interpreted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Any]]:
+    """What plain Python makes of the models: all of them in one process, so that it is started and imports once."""
+    folder = tmp_path_factory.mktemp("plain")
+    script = [sys.executable, "-c", PLAIN_PYTHON, str(Path(__file__).parents[1] / "driving.py")]
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    with subprocess.Popen(script, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdin is not None and process.stdout is not None
+
+        def rows_of(name: str) -> Any:
+            file = folder / f"{name}.npy"
+            print(MODELS[name].__module__, name, file, sep="\t", file=process.stdin, flush=True)
+            assert process.stdout is not None and process.stdout.readline() == f"{name}\n"
+            return np.load(file)
+
+        yield rows_of
+        process.stdin.close()
+        assert process.wait() == 0
+
+
 @every_model
-def test_record_fmu_and_plain_python_agree(name: str, fmus: Path, tmp_path: Path) -> None:
+def test_record_fmu_and_plain_python_agree(
+    name: str, fmus: Path, tmp_path: Path, interpreted: Callable[[str], Any]
+) -> None:
     """The kernels' object code, plain Python and the FMU: the same bits after every step."""
     model = MODELS[name]
     rows = driving.drive_record(model, STEPS, kernels(model))
-    plain = tmp_path / "plain.npy"
-    script = [sys.executable, str(Path(__file__).parents[1] / "driving.py"), model.__module__, name, "60", str(plain)]
-    subprocess.run(script, check=True, env={**os.environ, "NUMBA_DISABLE_JIT": "1"})
-    interpreted = np.load(plain)
-    for step in range(len(interpreted)):
-        assert same(model, rows[step], interpreted[step]), f"record after step {step}"
+    plain = interpreted(name)
+    assert len(plain) == 61
+    for step in range(len(plain)):
+        assert same(model, rows[step], plain[step]), f"record after step {step}"
     fmu = Factory(fmus / f"{name}.fmu", tmp_path)()
     for step in range(STEPS + 1):
         assert driving.read(model, fmu) == driving.read_record(model, rows[step]), f"FMU after step {step}"
