@@ -16,6 +16,7 @@ import sys
 import threading
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -54,6 +55,7 @@ def _load(file: str) -> ModuleType:
 
 
 driving = _load("driving")
+driving.inputs = cache(driving.inputs)  # which are asked for in each step
 
 
 class Factory:
