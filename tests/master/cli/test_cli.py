@@ -23,6 +23,7 @@ from cosim_master.cli.terminal import progress
 from cosim_master.cli.verbs import run as verb_run
 from cosim_master.execution.outcome.result import Outcome, RunResult
 from tests.master.fmus.probe import model
+from tests.master.forks import TO_ITS_END, Forks
 from tests.master.full_disk import room_of
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -685,7 +686,7 @@ def test_build_of_all_models_leaves_out_those_that_fmi_3_cannot_have(
     assert code == 2 and "error: ArduPilotSITL has no kernels" in stderr
 
 
-def test_as_a_process(system: Path, tmp_path: Path) -> None:
+def test_as_a_process(system: Path, forks: Forks, tmp_path: Path) -> None:
     """The installed command, with the user's own cache: a good run, a bad description, help without arguments."""
     environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
 
@@ -697,22 +698,31 @@ def test_as_a_process(system: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("done: 2 s simulated in ")
     assert (tmp_path / "results" / "manifest.json").is_file()
-    bad = call("run", "nowhere.ssd")
+    bad = forks.run(["run", "nowhere.ssd"], tmp_path, environment)
     assert bad.returncode == 2
     *stages, said = bad.stderr.splitlines()  # of stages that take longer than a second
     assert said.startswith("error: nowhere.ssd: ") and all(stage.endswith(" ...") for stage in stages), bad.stderr
     assert "Traceback" not in bad.stderr
-    assert "Usage: uav-cosim" in call().stdout + call().stderr
+    usage = call()
+    assert "Usage: uav-cosim" in usage.stdout + usage.stderr
+
+
+def to_full_disk(forks: Forks, words: list[str], folder: Path) -> tuple[int, str]:
+    """The exit code and the standard error of a command whose standard output is on a full disk."""
+    process, err = forks._process, folder.with_name(f"{folder.name}-stderr")
+    err.write_bytes(b"")
+    job = {"words": words, "folder": str(folder), "environment": {**os.environ}, "out": "/dev/full", "err": str(err)}
+    assert process.stdin is not None and process.stdout is not None
+    process.stdin.write(json.dumps(job) + "\n")
+    process.stdin.flush()
+    return int(process.stdout.readline()), err.read_text()
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 @pytest.mark.parametrize("words", ["--version", "--help", "run --help"])
-def test_help_on_a_full_disk_is_one_error(tmp_path: Path, words: str) -> None:
-    command = [str(Path(sys.executable).with_name("uav-cosim")), *words.split()]
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+def test_help_on_a_full_disk_is_one_error(forks: Forks, tmp_path: Path, words: str) -> None:
     error = "error: standard output: cannot be written: No space left on device\n"
-    assert (done.returncode, done.stderr) == (1, error)
+    assert to_full_disk(forks, words.split(), tmp_path) == (1, error)
 
 
 THREADS = """
@@ -754,46 +764,57 @@ finally:
     ],
 )
 def test_standard_output_on_a_full_disk_is_one_error(
-    run: Any, system: Path, tmp_path: Path, words: tuple[str, ...]
+    run: Any, system: Path, forks: Forks, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     assert run("run", str(system), "-o", "results")[0] == 0
-    command = [str(Path(sys.executable).with_name("uav-cosim")), *words]
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert done.returncode == 1
-    said = [line for line in done.stderr.splitlines() if not line.endswith(" ...")]  # of what takes over a second
+    code, stderr = to_full_disk(forks, [*words], tmp_path)
+    assert code == 1
+    said = [line for line in stderr.splitlines() if not line.endswith(" ...")]  # of what takes over a second
     assert said == ["error: standard output: cannot be written: No space left on device"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
-def test_errors_as_json_on_a_full_disk_are_still_told(tmp_path: Path) -> None:
-    command = [str(Path(sys.executable).with_name("uav-cosim")), "build", "nowhere.py", "--json"]
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert done.returncode == 1
-    first, *others = done.stderr.splitlines()
+def test_errors_as_json_on_a_full_disk_are_still_told(forks: Forks, tmp_path: Path) -> None:
+    code, stderr = to_full_disk(forks, ["build", "nowhere.py", "--json"], tmp_path)
+    assert code == 1
+    first, *others = stderr.splitlines()
     assert first.startswith("error: ") and "nowhere" in first
     assert others == ["error: standard output: cannot be written: No space left on device"]
 
 
+TWICE = """
+import json, os, sys
+from cosim_master.cli import main
+import cosim_master.cli.verbs.run, cosim_master.execution.simulate
+for name, words in json.loads(sys.argv.pop()).items():
+    if os.fork() == 0:
+        os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT), 1)
+        sys.argv[1:] = words
+        break
+    if code := os.waitstatus_to_exitcode(os.wait()[1]):
+        sys.exit(code)
+else:
+    os._exit(0)
+"""
+"""A process for several commands, whose imports they share: its streams have the encoding that Python gives them."""
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
 def test_names_that_a_terminal_cannot_show_are_escaped(run: Any, system: Path, tmp_path: Path, encoding: str) -> None:
-    command = [str(Path(sys.executable).with_name("uav-cosim"))]
+    words = ["run", str(system), "-o", "ü漢", "--force"]
+    commands = json.dumps({"text": words, "json": [*words, "--json"]})
     environment = {**os.environ, "LC_ALL": "C", "PYTHONIOENCODING": encoding}
-    for words in ((), ("--json",)):
-        done = subprocess.run(
-            [*command, "run", str(system), "-o", "ü漢", "--force", *words],
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        if words:
-            assert json.loads(done.stdout.decode("utf-8"))["folder"] == "ü漢"
-        else:
-            shown = {"ascii": r"\xfc\u6f22", "latin-1": r"ü\u6f22", "utf-8": "ü漢"}[encoding]
-            assert f"results: {shown}" in done.stdout.decode(encoding)
+    done = subprocess.run(
+        [sys.executable, "-c", TWICE + TO_ITS_END, commands],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "json").read_text("utf-8"))["folder"] == "ü漢"
+    shown = {"ascii": r"\xfc\u6f22", "latin-1": r"ü\u6f22", "utf-8": "ü漢"}[encoding]
+    assert f"results: {shown}" in (tmp_path / "text").read_text(encoding)
 
 
 def test_options_of_systems_are_not_taken_for_files(run: Any, tmp_path: Path) -> None:
