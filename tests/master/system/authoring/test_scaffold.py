@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import os
-import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -78,15 +77,15 @@ def test_its_own_commands_build_and_fly_it(
 
 
 @pytest.mark.usefixtures("fmus")
-def test_a_channel_changes_a_run_by_its_own_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_channel_changes_a_run_by_its_own_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forks: Forks
+) -> None:
     """In line5, neighbours are 10 to 50 m apart: each link loses (1 - exp(-(d / 60 m)^2))^3 of its packets."""
     monkeypatch.chdir(tmp_path)
     new_model("channel", Path("my_channel.py"))
     (run,) = commands_of(Path("my_channel.py"))
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    done = subprocess.run(
-        shlex.split(f"{run} --until 40"), env={**os.environ, "PATH": path}, capture_output=True, text=True
-    )
+    done = forks.shell(f"{run} --until 40", tmp_path, {**os.environ, "PATH": path})
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     table = signals(tmp_path / "out" / "flight")
     times = np.array(table["time"])
