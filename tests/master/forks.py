@@ -91,22 +91,26 @@ class Forks:
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process
 
-    def run(self, words: list[str], folder: Path, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+    def run(
+        self, words: list[str], folder: Path, environment: Mapping[str, str], output: Path | None = None
+    ) -> subprocess.CompletedProcess[str]:
         """The end of a command, as that of `subprocess.run` with captured text.
 
         Args:
             words: those behind `uav-cosim`.
             folder: where it runs; the files `stdout` and `stderr` beside it have what it prints.
+            output: the device that takes its standard output instead.
         """
-        out, err = (folder.with_name(f"{folder.name}-{name}") for name in ("stdout", "stderr"))
-        for file in (out, err):
+        kept, err = (folder.with_name(f"{folder.name}-{name}") for name in ("stdout", "stderr"))
+        for file in (kept, err):
             file.write_bytes(b"")
+        out = output or kept
         job = {"words": words, "folder": str(folder), "environment": {**environment}, "out": str(out), "err": str(err)}
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.write(json.dumps(job) + "\n")
         self._process.stdin.flush()
         code = int(self._process.stdout.readline())
-        return subprocess.CompletedProcess(words, code, out.read_text(), err.read_text())
+        return subprocess.CompletedProcess(words, code, kept.read_text(), err.read_text())
 
     def shell(self, text: str, folder: Path, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
         """The end of lines of a shell, as that of `bash -e`: commands `uav-cosim ...` are forks, bash runs the others.

@@ -707,22 +707,17 @@ def test_as_a_process(system: Path, forks: Forks, tmp_path: Path) -> None:
     assert "Usage: uav-cosim" in usage.stdout + usage.stderr
 
 
-def to_full_disk(forks: Forks, words: list[str], folder: Path) -> tuple[int, str]:
-    """The exit code and the standard error of a command whose standard output is on a full disk."""
-    process, err = forks._process, folder.with_name(f"{folder.name}-stderr")
-    err.write_bytes(b"")
-    job = {"words": words, "folder": str(folder), "environment": {**os.environ}, "out": "/dev/full", "err": str(err)}
-    assert process.stdin is not None and process.stdout is not None
-    process.stdin.write(json.dumps(job) + "\n")
-    process.stdin.flush()
-    return int(process.stdout.readline()), err.read_text()
+FULL = Path("/dev/full")
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.skipif(not FULL.exists(), reason="a device of Linux")
 @pytest.mark.parametrize("words", ["--version", "--help", "run --help"])
-def test_help_on_a_full_disk_is_one_error(forks: Forks, tmp_path: Path, words: str) -> None:
+def test_help_on_a_full_disk_is_one_error(tmp_path: Path, words: str) -> None:
+    command = [str(Path(sys.executable).with_name("uav-cosim")), *words.split()]
+    with FULL.open("w") as full:
+        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     error = "error: standard output: cannot be written: No space left on device\n"
-    assert to_full_disk(forks, words.split(), tmp_path) == (1, error)
+    assert (done.returncode, done.stderr) == (1, error)
 
 
 THREADS = """
@@ -753,7 +748,7 @@ finally:
 """
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.skipif(not FULL.exists(), reason="a device of Linux")
 @pytest.mark.parametrize(
     "words",
     [
@@ -767,17 +762,17 @@ def test_standard_output_on_a_full_disk_is_one_error(
     run: Any, system: Path, forks: Forks, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     assert run("run", str(system), "-o", "results")[0] == 0
-    code, stderr = to_full_disk(forks, [*words], tmp_path)
-    assert code == 1
-    said = [line for line in stderr.splitlines() if not line.endswith(" ...")]  # of what takes over a second
+    done = forks.run([*words], tmp_path, os.environ, FULL)
+    assert done.returncode == 1
+    said = [line for line in done.stderr.splitlines() if not line.endswith(" ...")]  # of what takes over a second
     assert said == ["error: standard output: cannot be written: No space left on device"]
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.skipif(not FULL.exists(), reason="a device of Linux")
 def test_errors_as_json_on_a_full_disk_are_still_told(forks: Forks, tmp_path: Path) -> None:
-    code, stderr = to_full_disk(forks, ["build", "nowhere.py", "--json"], tmp_path)
-    assert code == 1
-    first, *others = stderr.splitlines()
+    done = forks.run(["build", "nowhere.py", "--json"], tmp_path, os.environ, FULL)
+    assert done.returncode == 1
+    first, *others = done.stderr.splitlines()
     assert first.startswith("error: ") and "nowhere" in first
     assert others == ["error: standard output: cannot be written: No space left on device"]
 

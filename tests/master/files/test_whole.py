@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -94,3 +96,16 @@ def test_what_cannot_be_opened_or_is_no_file_stays(tmp_path: Path) -> None:
         with pytest.raises(OSError, match="No space left on device"):
             write_whole(tmp_path / "full", b"x")
         assert (tmp_path / "full").is_symlink()
+
+
+def test_a_full_disk_of_tests_keeps_no_beginning_of_bytecode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise, nobody could import the module again."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    monkeypatch.setattr(sys, "pycache_prefix", None)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "long_module.py").write_text(f"TEXT = {'x' * 1000!r}\n")
+    with room_of(100):
+        assert len(import_module("long_module").TEXT) == 1000
+    assert not sys.dont_write_bytecode
+    assert [file.name for file in tmp_path.iterdir()] == ["long_module.py"]
+    del sys.modules["long_module"]

@@ -35,6 +35,7 @@ from cosim_master.stepping.observation import Seen, View
 from tests.master import processes
 from tests.master.cli.test_command_line import is_as_documented
 from tests.master.fmus.probe import slave
+from tests.master.full_disk import room_of
 
 ROOT = Path(__file__).parents[3]
 
@@ -331,20 +332,13 @@ def test_logs_end_with_a_complete_packet(killed: Path) -> None:
 COMMAND = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", "--isolate", "none"]
 
 
-@pytest.mark.skipif(os.name == "nt", reason="limits of POSIX")
 def test_a_limit_of_file_sizes(probes: Any, tmp_path: Path) -> None:
     """The journal, which is not compressed, reaches the limit first; the run ends, and its files are completed."""
-    import resource
-
     probes.fmu(step=0.001)
     system, out = probes.ssd(probes.component("a", u=1.0), stop=1e6), tmp_path / "out"
     assert simulate(system, RunOptions(until=0.01)).outcome == "done"  # everything is compiled
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, hard))
-    try:
+    with room_of(30_000):
         result = simulate(system, RunOptions(out=out, pace=1e5))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert result.outcome == "failed"
     text = f"{out}/unfinished/signals.arrows: cannot be written: File too large; "
     assert str(result.error) == text + "what was recorded until then stays readable"
