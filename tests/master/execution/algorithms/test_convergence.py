@@ -70,7 +70,7 @@ def test_the_order_of_a_master_is_what_theory_says(linears: Any, tmp_path: Path,
 def test_the_tolerance_is_met_and_decides_the_effort(linears: Any, tmp_path: Path) -> None:
     """The error may grow by the tolerance in each second; these oscillators amplify an error a little."""
     steps = []
-    for tolerance in (3e-1, 3e-2, 3e-3):
+    for tolerance in (1e-1, 1e-2, 1e-3):
         out = tmp_path / f"{tolerance}"
         system = oscillators(linears, 0.01, f'{RICHARDSON} tolerance="{tolerance!r}"/>', interval=0.5)
         assert error(system, out) <= 2.0 * tolerance * 2.0
